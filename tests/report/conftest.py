@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from edmctl.app import main
+from edmctl.record.reader import open_run
 from edmctl.report import style
 from tests.cli.commands import CU270, ROOT
 from tests.faults.workshop import Workshop
@@ -14,6 +15,8 @@ from tests.golden import once
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from edmctl.report.html import Picture
 
 
 def _machined(
@@ -84,6 +87,15 @@ def _text_within_the_canvas(monkeypatch: pytest.MonkeyPatch) -> None:
 def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of one shallow hole in two cuts, sums over blocks of pulses, jumps every 10 s."""
     return _machined(tmp_path_factory, "run", CU270, "target.depth_um=8")
+
+
+@pytest.fixture(scope="session")
+def pictures(run_file: Path) -> list[Picture]:
+    """Return all figures of that hole, as its page has them."""
+    from edmctl.report.page import pictures_of
+
+    with open_run(run_file) as run:
+        return pictures_of(run)
 
 
 @pytest.fixture(scope="session")

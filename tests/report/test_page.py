@@ -24,6 +24,8 @@ from edmctl.results.run_file import Sentence
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from edmctl.report.html import Picture
+
 SENTENCES = [
     Sentence(0.0, "Wanted was a hole.", "EVENT"),
     Sentence(61.0, "It jumped <once> & stopped.", "EVENT"),
@@ -33,15 +35,16 @@ MOST_BYTES = 5_000_000
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
-def page_of(path: Path, trouble: str = "", *, figures: bool = True) -> str:
-    """The page of a run with a few sentences."""
+def page_of(path: Path, trouble: str = "") -> str:
+    """The page of a run with a few sentences and no figures."""
     with open_run(path) as run:
-        return render_page(run, pictures_of(run) if figures else [], SENTENCES, trouble)
+        return render_page(run, [], SENTENCES, trouble)
 
 
 @pytest.fixture(scope="module")
-def page(run_file: Path) -> str:
-    return page_of(run_file)
+def page(run_file: Path, pictures: list[Picture]) -> str:
+    with open_run(run_file) as run:
+        return render_page(run, pictures, SENTENCES)
 
 
 class Elements(HTMLParser):
@@ -132,7 +135,7 @@ def test_what_a_run_says_is_text_and_no_markup(page: str) -> None:
 
 
 def test_several_sites_make_a_table(array_run_file: Path) -> None:
-    page = page_of(array_run_file, figures=False)
+    page = page_of(array_run_file)
     assert all(f'<th scope="row">hole-{number}</th>' in page for number in range(1, 10))
     assert "mean of 9 sites" in page
     assert "true depth (simulated)" in page
@@ -144,11 +147,11 @@ def test_several_sites_make_a_table(array_run_file: Path) -> None:
 def test_a_page_of_a_run_that_failed_begins_with_the_fault_and_has_the_estimate_of_its_hole(
     faulted_run_file: Path, page: str
 ) -> None:
-    without = page_of(faulted_run_file, figures=False)
+    without = page_of(faulted_run_file)
     header = without.partition("</header>")[0]
     assert '<span class="status other">machine fault · simulated</span>' in header
     assert f'<p class="trouble">{SENTENCES[-1].text}</p>\n<nav>' in header
-    told = page_of(faulted_run_file, "The <tool> is stuck. Pull it.", figures=False)
+    told = page_of(faulted_run_file, "The <tool> is stuck. Pull it.")
     assert '<p class="trouble">The &lt;tool&gt; is stuck. Pull it.</p>\n<nav>' in told
     assert 'class="trouble"' not in page
     numbers = without.partition('id="story"')[0].partition('id="numbers"')[2]
