@@ -161,26 +161,12 @@ def _scalars() -> tuple[Scalar, ...]:
 SCALARS = _scalars()
 
 
-def _um(name: str, field: str, long_name: str) -> Column:
-    return Column(name, field, "f8", "um", long_name)
-
-
-def _small(name: str, field: str, long_name: str) -> Column:
-    return Column(name, field, "u1", PURE, long_name)
-
-
-def _count(name: str, field: str, long_name: str) -> Column:
-    return Column(name, field, "u4", PURE, long_name)
-
-
 def _columns_of(kind: type) -> tuple[Column, ...]:
     return tuple(
         Column(one.name, one.source, one.quantity.dtype, one.quantity.units, one.quantity.title)
         for one in stored_columns(kind)
     )
 
-
-_TIME = Column("time", "time_s", "f8", "s", "time since start")
 
 SERVO = Table(
     "/entry/servo",
@@ -219,7 +205,7 @@ PULSES = Table(
     65536,
     "every pulse; its time follows from `/entry/pulses/segments`",
     (
-        _small("pulse_class", "pulse_class", "0 open, 1 normal, 2 arc, 3 short"),
+        Column("pulse_class", "pulse_class", "u1", PURE, "0 open, 1 normal, 2 arc, 3 short"),
         Column("td", "delay_us", "u2", "0.1 us", "ignition delay; the on-time when open", 0.1),
         Column("te", "discharge_us", "u2", "0.1 us", "discharge time; 0 when open", 0.1),
         Column("u", "plateau_v", "u1", "0.5 V", "plateau voltage; the open voltage when open", 0.5),
@@ -248,10 +234,10 @@ EVENTS = Table(
     64,
     "states, jumps, faults, decisions",
     (
-        _TIME,
-        _count("seq", "seq", "running number"),
+        Column("time", "time_s", "f8", "s", "time since start"),
+        Column("seq", "seq", "u4", PURE, "running number"),
         Column("code", "code", "u2", PURE, "code"),
-        _small("level", "level", "0 debug, 1 info, 2 warning, 3 error"),
+        Column("level", "level", "u1", PURE, "0 debug, 1 info, 2 warning, 3 error"),
         Column("message", "message", "S160", TEXT, "for people"),
         Column("args", "args", "S200", TEXT, "values, as a JSON object"),
     ),
@@ -280,19 +266,7 @@ BLACK_BOX = Table(
     "NXdata",
     2048,
     "the last two seconds before a fault that the controller latched, every millisecond; empty without one",
-    (
-        _TIME,
-        Column("v_cmd", "actuator_v", "f4", "V", "actuator voltage"),
-        Column("z_sensor", "displacement_um", "f4", "um", "tool displacement, sensor; NaN without one"),
-        Column("v_gap_avg", "gap_v", "f4", "V", "mean gap voltage"),
-        Column("current", "current_a", "f4", "A", "mean gap current"),
-        _small("n_open", "n_open", "open pulses"),
-        _small("n_normal", "n_normal", "normal discharges"),
-        _small("n_arc", "n_arc", "arcs"),
-        _small("n_short", "n_short", "shorts"),
-        _small("state", "state", "state of the controller"),
-        _small("flags", "flags", "TlmFlags of the protocol"),
-    ),
+    _columns_of(TelemetryBlock),
     signal="v_gap_avg",
     in_blocks=True,
     at_once=True,
@@ -315,28 +289,7 @@ LINK = Table(
     "NXdata",
     256,
     "the line between host and controller, every ten seconds; counts since it was opened",
-    (
-        _TIME,
-        Column("frames_sent", "report.frames_sent", "u8", PURE, "frames sent"),
-        Column("frames_received", "report.frames_received", "u8", PURE, "frames received"),
-        _count("bad_frames", "report.bad_frames", "damaged frames received"),
-        _count("lost_frames", "report.lost_frames", "telemetry frames missing"),
-        _count("retries", "report.retries", "commands repeated"),
-        _count("bad_frames_there", "report.controller_bad_frames", "damaged frames that the controller got"),
-        _count("dropped_there", "report.controller_dropped_frames", "frames that the controller dropped"),
-        Column("rtt_p50", "report.rtt_p50_ms", "f4", "ms", "round trip of a command, median"),
-        Column("rtt_p99", "report.rtt_p99_ms", "f4", "ms", "round trip of a command, 99th percentile"),
-        Column(
-            "clock_offset", "report.clock_offset_s", "f8", "s", "clock of the controller ahead of the host's"
-        ),
-        Column(
-            "clock_rate",
-            "report.clock_rate_ppm",
-            "f4",
-            "ppm",
-            "clock of the controller faster than the host's",
-        ),
-    ),
+    _columns_of(LinkRow),
     signal="rtt_p50",
     auxiliary=("rtt_p99",),
 )
@@ -375,7 +328,7 @@ TRUTH = Grid(
     "the floor of a channel as the virtual machine knows it: centres of cells of the smallest rectangle with all "
     "that was cut; empty for holes, and for every other machine",
     Column("depth", "depth_um", "f4", "um", "true depth below the face"),
-    (_um("y", "y_um", "y of a row"), _um("x", "x_um", "x of a column")),
+    (Column("y", "y_um", "f8", "um", "y of a row"), Column("x", "x_um", "f8", "um", "x of a column")),
 )
 
 GRIDS = (TRUTH,)

@@ -168,8 +168,8 @@ class TruthMap:
 class LinkRow:
     """How the line did from its opening until now."""
 
-    time_s: float
-    report: LinkReport
+    time_s: float = quantity("s", "time since start")
+    report: LinkReport = quantity(PURE, "statistics since the line was opened", nested=LinkReport)
 
 
 @dataclass(frozen=True, slots=True)

@@ -114,8 +114,11 @@ def _columns(kind: type) -> Iterator[StoredColumn]:
             yield StoredColumn(one.column or _without_unit(name, one.units), name, one)
             continue
         for inner, part in quantities(one.nested).items():
+            if part.group == ONLY_JSON:
+                continue
             own = Quantity(part.units, part.title, one.group, part.dtype)
-            yield StoredColumn(f"{one.column}{inner}", f"{name}.{inner}", own)
+            column = part.column or _without_unit(inner, part.units)
+            yield StoredColumn(f"{one.column}{column}", f"{name}.{inner}", own)
 
 
 def ending_of(units: str) -> str:

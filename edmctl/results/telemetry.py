@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass, fields
-from edmctl.results.declared import PURE, quantity
+from edmctl.results.declared import ONLY_JSON, PURE, quantity
 
 if TYPE_CHECKING:
     import numpy as np
@@ -88,18 +88,20 @@ class TelemetryBlock(_Summarised):
     class since the sample before. `missing_frames` frames were lost on the line before this block.
     """
 
-    time_s: Array
-    displacement_um: Array
-    actuator_v: Array
-    gap_v: Array
-    current_a: Array
-    n_open: Counts
-    n_normal: Counts
-    n_arc: Counts
-    n_short: Counts
-    state: Counts
-    flags: Counts
-    missing_frames: int
+    time_s: Array = quantity("s", "time since start")
+    displacement_um: Array = quantity(
+        "um", "tool displacement, sensor; NaN without one", dtype="f4", column="z_sensor"
+    )
+    actuator_v: Array = quantity("V", "actuator voltage", dtype="f4", column="v_cmd")
+    gap_v: Array = quantity("V", "mean gap voltage", dtype="f4", column="v_gap_avg")
+    current_a: Array = quantity("A", "mean gap current", dtype="f4")
+    n_open: Counts = quantity(PURE, "open pulses", dtype="u1")
+    n_normal: Counts = quantity(PURE, "normal discharges", dtype="u1")
+    n_arc: Counts = quantity(PURE, "arcs", dtype="u1")
+    n_short: Counts = quantity(PURE, "shorts", dtype="u1")
+    state: Counts = quantity(PURE, "state of the controller", dtype="u1")
+    flags: Counts = quantity(PURE, "TlmFlags of the protocol", dtype="u1")
+    missing_frames: int = quantity(PURE, "frames lost on the line before this block", ONLY_JSON)
 
 
 def _summarise(block: TelemetryBlock) -> BlockSummary:
@@ -182,15 +184,19 @@ class LinkReport:
     The clock is the controller's against the host's: offset in s, rate as deviation from one in ppm.
     """
 
-    frames_sent: int
-    frames_received: int
-    bad_frames: int
-    retries: int
-    lost_frames: int
-    controller_bad_frames: int
-    controller_dropped_frames: int
-    rtt_p50_ms: float
-    rtt_p99_ms: float
-    clock_offset_s: float
-    clock_rate_ppm: float
-    clock_residual_us: float
+    frames_sent: int = quantity(PURE, "frames sent", dtype="u8")
+    frames_received: int = quantity(PURE, "frames received", dtype="u8")
+    bad_frames: int = quantity(PURE, "damaged frames received", dtype="u4")
+    retries: int = quantity(PURE, "commands repeated", dtype="u4")
+    lost_frames: int = quantity(PURE, "telemetry frames missing", dtype="u4")
+    controller_bad_frames: int = quantity(
+        PURE, "damaged frames that the controller got", dtype="u4", column="bad_frames_there"
+    )
+    controller_dropped_frames: int = quantity(
+        PURE, "frames that the controller dropped", dtype="u4", column="dropped_there"
+    )
+    rtt_p50_ms: float = quantity("ms", "round trip of a command, median", dtype="f4")
+    rtt_p99_ms: float = quantity("ms", "round trip of a command, 99th percentile", dtype="f4")
+    clock_offset_s: float = quantity("s", "clock of the controller ahead of the host's")
+    clock_rate_ppm: float = quantity("ppm", "clock of the controller faster than the host's", dtype="f4")
+    clock_residual_us: float = quantity("us", "scatter of the clocks about offset and rate", ONLY_JSON)
