@@ -34,11 +34,14 @@ JOB_ENDS = "kill %1"
 ALL_PAGES = sorted(str(p.relative_to(ROOT)) for p in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 
 
+def text_of(page: str) -> str:
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
 def commands_of(page: str) -> list[tuple[str, int]]:
     """Each `$ ` line of a console block with its exit code, 0 unless a comment says `exits N`."""
-    text = (ROOT / page).read_text(encoding="utf-8")
     found = []
-    for block in re.findall(r"^```console\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE):
+    for block in re.findall(r"^```console\n(.*?)^```$", text_of(page), flags=re.DOTALL | re.MULTILINE):
         for line in block.splitlines():
             assert line.startswith("$ "), f"{page}: {line!r} is no command line"
             exits = re.search(r"# exits (\d+)$", line)
@@ -48,10 +51,8 @@ def commands_of(page: str) -> list[tuple[str, int]]:
 
 def files_of(page: str) -> dict[str, str]:
     """What a page says to write down: blocks behind a comment `file: NAME`, by their names."""
-    text = (ROOT / page).read_text(encoding="utf-8")
-    return dict(
-        re.findall(r"^<!-- file: (\S+) -->\n```\w+\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
-    )
+    form = r"^<!-- file: (\S+) -->\n```\w+\n(.*?)^```$"
+    return dict(re.findall(form, text_of(page), flags=re.DOTALL | re.MULTILINE))
 
 
 def newcomer(home: Path, warm: str = "") -> tuple[Path, dict[str, str]]:
@@ -133,7 +134,7 @@ def test_no_page_with_commands_is_left_out() -> None:
 
 def test_parts_of_the_conformance_suite_are_those_that_its_page_means() -> None:
     """`-k l1` would be a part of `l10` too."""
-    page = (ROOT / "docs/conformance.md").read_text(encoding="utf-8")
+    page = text_of("docs/conformance.md")
     files = (ROOT / "tests/conformance").glob("test_*.py")
     tests = [
         name
@@ -149,20 +150,16 @@ def test_parts_of_the_conformance_suite_are_those_that_its_page_means() -> None:
         assert {name.split("_")[1] for name in found} == numbers, part
 
 
-def test_the_extending_profile_of_the_page_is_sound(tmp_path: Path) -> None:
-    folder, env = newcomer(tmp_path)
-    text = (ROOT / "docs/profile.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```toml\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
-    (toml,) = (block for block in blocks if block.startswith("extends"))
-    shutil.copy(ROOT / "profiles/cu270.toml", folder)
-    (folder / "shallow.toml").write_text(toml, encoding="utf-8")
-    subprocess.run(["edmctl", "profile", "check", "shallow.toml"], cwd=folder, env=env, check=True)
-
-
-def test_studies_that_a_page_writes_down_are_sound(tmp_path: Path) -> None:
+def test_profile_and_studies_that_pages_write_down_are_sound(here: Here, tmp_path: Path) -> None:
     from edmctl.study.planning import plan_study
     from edmctl.study.study_file import read_study
 
+    blocks = re.findall(r"^```toml\n(.*?)^```$", text_of("docs/profile.md"), flags=re.DOTALL | re.MULTILINE)
+    (toml,) = (block for block in blocks if block.startswith("extends"))
+    shutil.copy(ROOT / "profiles/cu270.toml", tmp_path)
+    shallow = tmp_path / "shallow.toml"
+    shallow.write_text(toml, encoding="utf-8")
+    assert here("profile", "check", str(shallow)).exit_code == 0
     written = files_of("docs/study.md")
     assert written
     for name, text in written.items():
@@ -172,20 +169,19 @@ def test_studies_that_a_page_writes_down_are_sound(tmp_path: Path) -> None:
 
 def test_links_lead_somewhere() -> None:
     for page in ALL_PAGES:
-        text = (ROOT / page).read_text(encoding="utf-8")
+        text = text_of(page)
         for link in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
             if not link.startswith("https://"):
                 assert ((ROOT / page).parent / link).exists(), f"{page} links to {link}"
 
 
 def test_the_page_of_exit_codes_says_what_the_program_says() -> None:
-    page = (ROOT / "docs/exit-codes.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (\d+) \| (.+) \|$", page, flags=re.MULTILINE)
+    rows = re.findall(r"^\| (\d+) \| (.+) \|$", text_of("docs/exit-codes.md"), flags=re.MULTILINE)
     assert rows == [(str(int(code)), meaning) for code, meaning in MEANING.items()]
 
 
 def test_the_readme_holds_the_commands_that_the_ci_takes_from_it() -> None:
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    readme = text_of("README.md")
     marked = dict(re.findall(r"^<!-- command: (\w+) -->\n```sh\n(.+)\n```$", readme, flags=re.MULTILINE))
     assert set(marked) == {"run", "test"}
     for command in marked.values():
@@ -207,7 +203,7 @@ def test_pictures_load_nothing_from_elsewhere() -> None:
 
 @pytest.mark.slow
 def test_the_sample_result_of_the_readme_is_what_its_seed_gives(here: Here) -> None:
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    readme = text_of("README.md")
     (sample,) = re.findall(r"<!-- result -->\n```text\n(.*?)\n```", readme, flags=re.DOTALL)
     (seed,) = re.findall(r"Simulated, seed (\d+)\.", sample)
     (run_id,) = re.findall(r"runs/(.+)\.h5", sample)
