@@ -233,8 +233,46 @@ def calibration_with_paper_model() -> UsageError:
     )
 
 
-def waveform_options_conflict(*, problem: object, remedy: object) -> UsageError:
-    return UsageError(f"{problem}", hint=f"{remedy}", code="E2010")
+def waveform_option_unused(*, option: object, waveform: object, reason: object) -> UsageError:
+    return UsageError(
+        f"{option} does not go with {waveform}: {reason}.", hint=f"Leave {option} out.", code="E2010"
+    )
+
+
+def waveform_file_missing() -> UsageError:
+    return UsageError(
+        "No CSV file was named.", hint="Say --from FILE.csv; it has the columns t_s and u_V.", code="E2010"
+    )
+
+
+def waveform_voltages_out_of_range(
+    *, low_v: float, high_v: float, least_v: float, most_v: float
+) -> UsageError:
+    return UsageError(
+        f"--low {low_v:g} and --high {high_v:g} do not ascend within the actuator's {least_v:g} to {most_v:g} V.",
+        hint=f"Take {least_v:g} ≤ low < high ≤ {most_v:g}.",
+        code="E2010",
+    )
+
+
+def waveform_too_slow(
+    *, cycles: object, frequency_hz: float, longest_s: float, least_hz: float
+) -> UsageError:
+    return UsageError(
+        f"{cycles} cycles of {frequency_hz:g} Hz do not end within {longest_s:g} s.",
+        hint=f"With --cycles {cycles} take --frequency {least_hz:.2g} or more.",
+        code="E2010",
+    )
+
+
+def waveform_too_fast(
+    *, waveform: object, range_v: float, frequency_hz: float, slew_v_s: float, most_hz: float
+) -> UsageError:
+    return UsageError(
+        f"A {waveform} of {range_v:g} V at {frequency_hz:g} Hz is steeper than the machine's {slew_v_s:g} V/s.",
+        hint=f"Take --frequency {most_hz:g} or less, or a smaller range.",
+        code="E2010",
+    )
 
 
 def figure_suffix_unknown(*, name: object, suffixes: object) -> UsageError:
@@ -1834,9 +1872,33 @@ def tool_was_replaced(*, label: object, replaced_by: object, reference_command: 
     )
 
 
-def tool_differs(*, problem: object) -> PreconditionError:
+def tool_differs(*, tool: object, run_id: object, tool_before: object) -> PreconditionError:
     return PreconditionError(
-        f"{problem}",
+        f"{tool} is in the machine; {run_id} had {tool_before}.",
+        hint="Only the tool that began a hole can tell its own wear by touching. Machine it at another place or on new work.",
+        code="E8056",
+    )
+
+
+def tool_changed_since(*, tool: object, run_id: object) -> PreconditionError:
+    return PreconditionError(
+        f"{tool} was changed for a new one since {run_id}.",
+        hint="Only the tool that began a hole can tell its own wear by touching. Machine it at another place or on new work.",
+        code="E8056",
+    )
+
+
+def another_tool_since(*, tool: object, run_id: object, tool_before: object) -> PreconditionError:
+    return PreconditionError(
+        f"{tool} was in the machine since {run_id}, and not {tool_before}.",
+        hint="Only the tool that began a hole can tell its own wear by touching. Machine it at another place or on new work.",
+        code="E8056",
+    )
+
+
+def tool_used_since(*, tool: object, run_file: object, run_id: object) -> PreconditionError:
+    return PreconditionError(
+        f"{tool} has machined {run_file} since {run_id} was left.",
         hint="Only the tool that began a hole can tell its own wear by touching. Machine it at another place or on new work.",
         code="E8056",
     )
@@ -1852,10 +1914,20 @@ def controller_restarted_since_run(
     )
 
 
-def run_on_another_machine(
-    *, what: object, run_id: object, serial: object, port: object, remedy: object
-) -> PreconditionError:
-    return PreconditionError(f"{what}: {run_id} ran on {serial} at {port}.", hint=f"{remedy}", code="E8058")
+def bench_of_run_missing(*, file: object, run_id: object, serial: object, port: object) -> PreconditionError:
+    return PreconditionError(
+        f"There is no bench {file}: {run_id} ran on {serial} at {port}.",
+        hint="Name the file of that bench with --port sim:FILE.",
+        code="E8058",
+    )
+
+
+def machine_of_run_not_named(*, run_id: object, serial: object, port: object) -> PreconditionError:
+    return PreconditionError(
+        f"No machine was named, and a fresh virtual one has no work that was begun: {run_id} ran on {serial} at {port}.",
+        hint=f"Say --port {port}.",
+        code="E8058",
+    )
 
 
 def reference_under_other_setup(
@@ -2718,8 +2790,22 @@ def measured_data_kept(*, kept: object) -> Diagnostic:
     )
 
 
-def setup_in_use(*, problem: object, remedy: object) -> Diagnostic:
-    return Diagnostic("W4101", f"{problem}", f"{remedy}", is_warning=True)
+def seed_without_effect_on_bench(*, seed: object, file: object) -> Diagnostic:
+    return Diagnostic(
+        "W4101",
+        f"Seed {seed} has no effect on the bench that {file} keeps already.",
+        "Leave it out, or name a new file for another machine.",
+        is_warning=True,
+    )
+
+
+def seed_without_effect_at_port(*, seed: object, port: object) -> Diagnostic:
+    return Diagnostic(
+        "W4101",
+        f"Seed {seed} has no effect on the controller at {port}.",
+        "Give the seed to `edmctl simulate serve` where the controller is a virtual one.",
+        is_warning=True,
+    )
 
 
 def controller_option_without_effect(*, asked: object, selector: object) -> Diagnostic:

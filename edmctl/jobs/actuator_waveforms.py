@@ -22,7 +22,7 @@ from edmctl.actuator.waveforms import (
 )
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
-from edmctl.errors import RecordError, UsageError
+from edmctl.errors import RecordError
 from edmctl.record.columns import TIME, VOLTAGE, read_columns
 from edmctl.simulator import actuator
 from edmctl.simulator.actuator import RATE_HZ, SLEW_V_S
@@ -77,7 +77,13 @@ def waveforms(wanted: Wanted) -> list[Waveform]:
         return [Waveform(FIGURE_NAMES[name], figure_command(name, RATE_HZ), name) for name in names]
     if wanted.source:
         return [Waveform(wanted.source.name, command_from(wanted.source, LONGEST_S))]
-    low_v, high_v = _voltages(wanted)
+    low_v = LOW_V if wanted.low_v is None else wanted.low_v
+    high_v = HIGH_V if wanted.high_v is None else wanted.high_v
+    least_v, most_v = actuator.LOW_V, actuator.HIGH_V
+    if not least_v <= low_v < high_v <= most_v:
+        raise failures.waveform_voltages_out_of_range(
+            low_v=low_v, high_v=high_v, least_v=least_v, most_v=most_v
+        )
     if shape in _PERIODIC:
         frequency_hz = FREQUENCY_HZ if wanted.frequency_hz is None else wanted.frequency_hz
         return [_periodic(shape, low_v, high_v, frequency_hz, wanted.cycles or CYCLES)]
@@ -98,31 +104,20 @@ def waveforms(wanted: Wanted) -> list[Waveform]:
 
 def _periodic(shape: str, low_v: float, high_v: float, frequency_hz: float, cycles: int) -> Waveform:
     if not frequency_hz > 0.0 or cycles / frequency_hz > LONGEST_S:
-        raise _refusal(
-            f"{cycles} cycles of {frequency_hz:g} Hz do not end within {LONGEST_S:g} s.",
-            f"With --cycles {cycles} take --frequency {cycles / LONGEST_S:.2g} or more.",
+        raise failures.waveform_too_slow(
+            cycles=cycles, frequency_hz=frequency_hz, longest_s=LONGEST_S, least_hz=cycles / LONGEST_S
         )
     make, steepness = _PERIODIC[shape]
     fastest_hz = SLEW_V_S / (steepness * (high_v - low_v))
     if frequency_hz > fastest_hz:
-        raise _refusal(
-            f"A {shape} of {high_v - low_v:g} V at {frequency_hz:g} Hz is steeper than the machine's "
-            f"{SLEW_V_S:g} V/s.",
-            f"Take --frequency {math.floor(1e3 * fastest_hz) / 1e3:g} or less, or a smaller range.",
+        raise failures.waveform_too_fast(
+            waveform=shape,
+            range_v=high_v - low_v,
+            frequency_hz=frequency_hz,
+            slew_v_s=SLEW_V_S,
+            most_hz=math.floor(1e3 * fastest_hz) / 1e3,
         )
     return Waveform(f"{shape} {frequency_hz:g} Hz", make(low_v, high_v, frequency_hz, cycles, RATE_HZ).u_v)
-
-
-def _voltages(wanted: Wanted) -> tuple[float, float]:
-    low_v = LOW_V if wanted.low_v is None else wanted.low_v
-    high_v = HIGH_V if wanted.high_v is None else wanted.high_v
-    if not actuator.LOW_V <= low_v < high_v <= actuator.HIGH_V:
-        raise _refusal(
-            f"--low {low_v:g} and --high {high_v:g} do not ascend within the actuator's "
-            f"{actuator.LOW_V:g} to {actuator.HIGH_V:g} V.",
-            f"Take {actuator.LOW_V:g} ≤ low < high ≤ {actuator.HIGH_V:g}.",
-        )
-    return low_v, high_v
 
 
 def _refuse_misplaced(wanted: Wanted) -> None:
@@ -134,7 +129,7 @@ def _refuse_misplaced(wanted: Wanted) -> None:
         why = "its voltage is that of the paper"
     elif wanted.shape == "csv":
         if wanted.source is None:
-            raise _refusal("No CSV file was named.", "Say --from FILE.csv; it has the columns t_s and u_V.")
+            raise failures.waveform_file_missing()
         unused, why = {**periodic, **ranged}, "the file says all of the voltage"
     else:
         unused, why = {"--from": wanted.source}, "only csv reads a file"
@@ -142,11 +137,7 @@ def _refuse_misplaced(wanted: Wanted) -> None:
             unused, why = periodic, "only sine, square and triangle have cycles"
     for option, value in unused.items():
         if value is not None:
-            raise _refusal(f"{option} does not go with {wanted.shape}: {why}.", f"Leave {option} out.")
-
-
-def _refusal(message: str, hint: str) -> UsageError:
-    return failures.waveform_options_conflict(problem=message, remedy=hint)
+            raise failures.waveform_option_unused(option=option, waveform=wanted.shape, reason=why)
 
 
 def command_from(path: Path, longest_s: float) -> Array:

@@ -43,12 +43,8 @@ def seed_warning(where: MachineAddress, asked: int | None) -> list[Diagnostic]:
     if asked is None or where.seed_of(asked) is not None:
         return []
     if where.in_process:
-        message = f"Seed {asked} has no effect on the bench that {where.bench_file} keeps already."
-        hint = "Leave it out, or name a new file for another machine."
-    else:
-        message = f"Seed {asked} has no effect on the controller at {where.selector}."
-        hint = "Give the seed to `edmctl simulate serve` where the controller is a virtual one."
-    return [failures.setup_in_use(problem=message, remedy=hint)]
+        return [failures.seed_without_effect_on_bench(seed=asked, file=where.bench_file)]
+    return [failures.seed_without_effect_at_port(seed=asked, port=where.selector)]
 
 
 def controller_warning(where: MachineAddress, asked: str | None) -> list[Diagnostic]:

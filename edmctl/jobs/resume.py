@@ -68,10 +68,9 @@ def refuse_elsewhere(resumption: Resumption, bench: ConnectedMachine, lines: Seq
         same = False
     if not same:
         raise failures.run_went_on(run_id=job.run_id)
-    if virtual is not None and virtual.tool_label != resumption.state.tool:
-        raise failures.tool_differs(
-            problem=f"{virtual.tool_label} is in the machine; {job.run_id} had {resumption.state.tool}."
-        )
+    tool = resumption.state.tool
+    if virtual is not None and virtual.tool_label != tool:
+        raise failures.tool_differs(tool=virtual.tool_label, run_id=job.run_id, tool_before=tool)
     refuse_used_tool(resumption, lines)
     if virtual is None and machine.hello.boot_count != job.boots and not resumption.homed:
         status, journal = machine.status(), resumption.journal
@@ -85,28 +84,22 @@ def refuse_elsewhere(resumption: Resumption, bench: ConnectedMachine, lines: Seq
 
 def refuse_used_tool(resumption: Resumption, lines: Iterable[Line]) -> None:
     """Raise PreconditionError E8056 if the tool was changed or used since the run began, by the ledger."""
-    tool, own, begun = resumption.state.tool, resumption.run_files, False
+    tool, run_id, begun = resumption.state.tool, resumption.job.run_id, False
     lines = tuple(line for line in lines if line.serial == resumption.job.serial)
     for number, line in enumerate(lines):
         entry = line.entry
         if isinstance(entry, RunEnded):
             continue
-        if isinstance(entry, JobBegun) and entry.run_file in own:
+        if isinstance(entry, JobBegun) and entry.run_file in resumption.run_files:
             begun = True
         elif not begun:
             continue
         elif isinstance(entry, ToolChanged) and entry.tool == tool:
-            raise failures.tool_differs(
-                problem=f"{tool} was changed for a new one since {resumption.job.run_id}."
-            )
+            raise failures.tool_changed_since(tool=tool, run_id=run_id)
         elif entry.tool != tool:
-            raise failures.tool_differs(
-                problem=f"{entry.tool} was in the machine since {resumption.job.run_id}, and not {tool}."
-            )
+            raise failures.another_tool_since(tool=entry.tool, run_id=run_id, tool_before=tool)
         elif isinstance(entry, JobBegun) and not _was_idle(entry.run_file, lines[number + 1 :]):
-            raise failures.tool_differs(
-                problem=f"{tool} has machined {entry.run_file} since {resumption.job.run_id} was left."
-            )
+            raise failures.tool_used_since(tool=tool, run_file=entry.run_file, run_id=run_id)
 
 
 def _was_idle(run_file: str, later: Sequence[Line]) -> bool:
@@ -189,15 +182,12 @@ def checked(
     refuse_untouchable(resumption, plan)
     refuse_used_tool(resumption, Ledger.open(resumption.path.parent).lines)
     bench_file = plan.where.bench_file
-    if not plan.where.lasting or (bench_file is not None and not bench_file.exists()):
-        what = "No machine was named, and a fresh virtual one has no work that was begun"
-        remedy = f"Say --port {job.port}."
-        if bench_file is not None:
-            what = f"There is no bench {bench_file}"
-            remedy = "Name the file of that bench with --port sim:FILE."
-        raise failures.run_on_another_machine(
-            what=what, run_id=job.run_id, serial=job.serial, port=job.port, remedy=remedy
+    if bench_file is not None and not bench_file.exists():
+        raise failures.bench_of_run_missing(
+            file=bench_file, run_id=job.run_id, serial=job.serial, port=job.port
         )
+    if not plan.where.lasting:
+        raise failures.machine_of_run_not_named(run_id=job.run_id, serial=job.serial, port=job.port)
     return with_resumed(replace(plan, names_tool=False), resumption)
 
 
