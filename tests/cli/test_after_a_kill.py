@@ -16,7 +16,7 @@ from edmctl.jobs.connect import bench_config
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.simulator import open_bench
-from tests.cli.commands import CU270, SHALLOW, Here, Said, command, environment
+from tests.cli.commands import CU270, SHALLOW, Here, command, environment
 from tests.serving import serving
 from tests.tiers import tiers
 
@@ -47,13 +47,6 @@ def kill_while_it_sparks(bench: VirtualBench, port: str, cwd: Path) -> None:
     host.communicate()
 
 
-def assert_fault_told(said: Said, port: str) -> None:
-    error = said.document["error"]
-    assert (said.exit_code, error["code"]) == (8, "E8010")
-    assert "The controller still holds fault 1001" in error["message"]
-    assert f"`edmctl reset --ack 1001 --port {port}`" in error["hint"]
-
-
 @pytest.mark.parametrize("name", tiers("machine", slow=("resume",), full=("doctor", "ports", "reset")))
 def test_the_next_command_finds_a_machine_that_is_safe_and_a_fault_that_says_why(
     here: Here, tmp_path: Path, name: str
@@ -82,7 +75,10 @@ def test_the_next_command_finds_a_machine_that_is_safe_and_a_fault_that_says_why
             (answer,) = [p for p in said.document["result"]["ports"] if p["device"] == port]
             assert (said.exit_code, answer["controller"]["fault_name"]) == (0, "HOST_SILENT")
         else:
-            assert_fault_told(said, port)
+            error = said.document["error"]
+            assert (said.exit_code, error["code"]) == (8, "E8010")
+            assert "The controller still holds fault 1001" in error["message"]
+            assert f"`edmctl reset --ack 1001 --port {port}`" in error["hint"]
         assert here("reset", "--ack", "1001", "--port", port).exit_code == 0
         assert bench.controller.loop.pulse_no == pulses
         assert bench.controller.loop.command_v == 0.0

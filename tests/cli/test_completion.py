@@ -55,19 +55,8 @@ def test_runs_are_offered_by_their_ids_unless_a_shell_could_take_them_for_more(t
     folder = tmp_path / "runs"
     folder.mkdir()
     for name in (
-        "good-1.h5",
-        "left.h5.partial",
-        "gone.journal",
-        "$(touch hacked).h5",
-        "two words.h5",
-        "`x`.h5",
-        "-rf.h5",
-        "--out=x.h5",
-        "=ls.h5",
-        "@x.h5",
-        "%1.h5",
-        "red\x1b[31m.h5",
-        "two\nlines.h5",
+        *("good-1.h5", "left.h5.partial", "gone.journal", "$(touch hacked).h5", "two words.h5", "`x`.h5"),
+        *("-rf.h5", "--out=x.h5", "=ls.h5", "@x.h5", "%1.h5", "red\x1b[31m.h5", "two\nlines.h5"),
     ):
         (folder / name).touch()
     (folder / "away.h5").symlink_to("nowhere")

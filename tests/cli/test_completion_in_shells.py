@@ -20,29 +20,9 @@ from tests.tiers import tiers
 PATIENCE_S = 120.0
 PROMPT = "ready> "
 HOSTILE = (
-    "$(touch hacked)",
-    "`touch hacked`",
-    "\\$(touch hacked)",
-    "x;touch hacked",
-    "x&touch hacked",
-    "x|touch hacked",
-    "x>hacked",
-    "x\ntouch hacked",
-    "two words",
-    "it's",
-    'say "so"',
-    "-rf",
-    "--out=x",
-    "\x1b[31mred",
-    "*",
-    "?",
-    "=ls",
-    "~",
-    "%1",
-    "@x",
-    "#x",
-    "!!",
-    "{a,b}",
+    *("$(touch hacked)", "`touch hacked`", "\\$(touch hacked)", "x;touch hacked", "x&touch hacked"),
+    *("x|touch hacked", "x>hacked", "x\ntouch hacked", "two words", "it's", 'say "so"', "-rf", "--out=x"),
+    *("\x1b[31mred", "*", "?", "=ls", "~", "%1", "@x", "#x", "!!", "{a,b}"),
 )
 
 COMMAND = """#!/bin/sh

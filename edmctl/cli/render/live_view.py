@@ -266,17 +266,15 @@ class _View:
         ratios = self.p.ratios
         if not has_pulses(ratios):
             return []
-        shares = {name: 100.0 * float(getattr(ratios, name)) for name in _PULSES}
-        if self.words >= WIDE_WORDS:
-            words = [f"{share:2.0f} % {name}  " for name, share in shares.items()]
-        elif self.words >= NARROW_WORDS:
-            words = [f"{share:.0f} {name} " for name, share in shares.items()]
-        else:
-            words = [f"{share:.0f} {name[0]} " for name, share in shares.items()]
-        end = "" if self.words >= WIDE_WORDS else "%"
-        inks = [ink for _, ink in _PULSES.values()]
+        wide, usual = self.words >= WIDE_WORDS, self.words >= NARROW_WORDS
+        words: list[Span] = []
+        for name, (_, ink) in _PULSES.items():
+            share = 100.0 * float(getattr(ratios, name))
+            text = f"{share:2.0f} % {name}" if wide else f"{share:.0f} {name if usual else name[0]}"
+            words += [(text, ink), ("  " if wide else " ", None)]
+        words[-1] = ("" if wide else " %", _PULSES["short"][1])
         bar = pulse_bar(ratios, self.chart, colour=self.style.colour) if self.chart else []
-        return [[*self._row("pulses", "", bar), *zip(words, inks, strict=True), (end, inks[-1])]]
+        return [[*self._row("pulses", "", bar), *words]]
 
     def gap(self) -> list[list[Span]]:
         """Gap voltage. Its reference is on the scale: a gap that never comes near it has to be seen."""

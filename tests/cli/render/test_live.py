@@ -96,6 +96,12 @@ def test_everything_that_is_known_is_shown() -> None:
     ):
         assert part in picture
     assert "\x1b" not in picture
+    for width, shares in (
+        (99, "50 % open  40 % normal   2 % arc   8 % short"),
+        (80, "50 open 40 normal 2 arc 8 short %"),
+    ):
+        (line,) = (line for line in drawn(FULL, width).splitlines() if line.startswith("pulses"))
+        assert line.endswith(shares)
     assert "\x1b[94m" in drawn(FULL, style=Style(colour=True, live=True))
 
 
