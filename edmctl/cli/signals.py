@@ -202,8 +202,3 @@ def shell() -> Surroundings:
         guard=stopping_signals,
         settled=ignore_signals,
     )
-
-
-def begin_worker() -> None:
-    """Begin a worker process of the command line: its parent answers for all signals."""
-    ignore_signals()

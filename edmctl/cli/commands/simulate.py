@@ -26,7 +26,7 @@ from edmctl.cli.options import (
     with_options_of,
 )
 from edmctl.cli.outcome import Outcome, watching
-from edmctl.cli.signals import begin_worker, shell
+from edmctl.cli.signals import ignore_signals, shell
 from edmctl.errors import Diagnostic
 from edmctl.jobs.sweep import MOST_RUNS, seed_to_use
 from edmctl.wording import plural
@@ -214,7 +214,7 @@ class _Batch:
             with watching(self._outcome.output) as reporter:
                 reporter.note(self._in_words())
                 perform_all(
-                    [self._tasks[number] for number in left], Program(shell, begin_worker), reporter, keep
+                    [self._tasks[number] for number in left], Program(shell, ignore_signals), reporter, keep
                 )
         finally:
             self._report()

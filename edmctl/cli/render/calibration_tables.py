@@ -13,7 +13,7 @@ from edmctl.wording import count, decimal, duration, with_u95
 if TYPE_CHECKING:
     from edmctl.actuator.identification import Identification
     from edmctl.actuator.validation import ErrorFigures
-    from edmctl.jobs.actuator_trial import PaperTrial, WaveformResult
+    from edmctl.jobs.actuator_trial import ModelErrors, PaperTrial, WaveformResult
     from edmctl.jobs.calibrate import LeverFound
     from edmctl.jobs.calibration_fit import FileFigures, Findings
     from edmctl.procedures.calibration import CalibrationPlan
@@ -28,11 +28,16 @@ SMALL_RANGE_UM = 100.0
 _NAME_WIDTH = 15
 
 
+_ERRORS = ["max µm", "RMS µm", "max %", "RMS %"]
+
+
 def render_calibration(found: Findings, lever: LeverFound | None = None, style: Style = PLAIN) -> str:
-    """Render the errors of the models, what the actuator is like, and what is not accepted and why."""
-    fitted = ("edmctl, fitted data", found.train)
-    alone = ("edmctl, noise taken off", found.identification.held_out_model)
-    rows = [*_models(found.held_out_baselines, found.held_out), alone, fitted]
+    """Render the errors of the models, the properties of the actuator, and what is not accepted and why."""
+    rows = [
+        *_models(found.held_out_baselines, found.held_out),
+        ("edmctl, noise taken off", found.identification.held_out_model),
+        ("edmctl, fitted data", found.train),
+    ]
     blocks = [_errors("held-out blocks", rows, style)]
     if found.validated is not None:
         blocks.append(_validation(found, found.validated, style))
@@ -42,6 +47,81 @@ def render_calibration(found: Findings, lever: LeverFound | None = None, style: 
     verdicts = [f"Not accepted: {problem}" for problem in verdict.problems] or accepted
     blocks.append("\n".join([*verdicts, *(f"Note: {note}" for note in verdict.notes)]))
     return "\n\n".join(blocks)
+
+
+def _models(baselines: Mapping[str, Errors], ours: Errors) -> list[tuple[str, Errors]]:
+    return [*((MODEL_NAMES[key], figures) for key, figures in baselines.items()), (MODEL_NAMES["ours"], ours)]
+
+
+def _errors(title: str, rows: Sequence[tuple[str, Errors]], style: Style) -> str:
+    cells = [[name, *_numbers(one, 3 if one.range_um < SMALL_RANGE_UM else 2)] for name, one in rows]
+    return render_columns([title, *_ERRORS], cells, style)
+
+
+def _numbers(errors: Errors | ModelErrors, digits: int = 2) -> list[str]:
+    lengths = (decimal(value, digits) for value in (errors.max_um, errors.rms_um))
+    return [*lengths, decimal(errors.max_pct), decimal(errors.rms_pct)]
+
+
+def _validation(found: Findings, ours: Errors, style: Style) -> str:
+    """Errors on the files that were not fitted, and on each of them if there are several."""
+    several = len(found.files) > 1
+    title = f"{len(found.files)} files" if several else found.files[0].name
+    rows = _models(found.validated_baselines, ours)
+    if several:
+        rows += [(f"edmctl, {file.name}", file) for file in found.files]
+    rows += [
+        (f"edmctl{f', {file.name}' if several else ''}, screened", file.screened)
+        for file in found.files
+        if file.screened
+    ]
+    again = "Gain and zero are" if "gain" in found.refit else "The zero is"
+    notes = [f"Note: {file.note}" for file in found.files if file.note]
+    return "\n".join([_errors(title, rows, style), f"{again} fitted to each file first.", *notes])
+
+
+def render_actuator(waveforms: Sequence[WaveformResult], stroke_um: float, style: Style = PLAIN) -> str:
+    """Render one row per waveform and model, and what the figures mean."""
+    rows = [
+        [waveform.name if index == 0 else "", MODEL_NAMES[key], *_numbers(errors)]
+        for waveform in waveforms
+        for index, (key, errors) in enumerate(waveform.models.items())
+    ]
+    return "\n".join(
+        [
+            render_columns(["waveform", "model", *_ERRORS], rows, style, align="<<>"),
+            f"Errors against the simulated truth, in percent of the stroke of {decimal(stroke_um)} µm.",
+            "Each model gets one zero per waveform (its mean error is taken off): the sensor's zero is not known.",
+            "The sensor's gain error stays in.",
+        ]
+    )
+
+
+_STARTS = {
+    "virgin": "The model begins virgin, with no memory, as a simulation does; the actuator has\nbeen cycled before.",
+    "conditioned": "Model and actuator have both been cycled over the whole range before.",
+}
+
+
+def render_paper_trial(trial: PaperTrial, style: Style = PLAIN) -> str:
+    """Render the errors of each waveform, and what the paper reads off it beside ours."""
+    readings = [
+        [reading.figure, reading.what, reading.paper, f"{reading.ours_um:.1f}"]
+        for waveform in trial.waveforms
+        for reading in waveform.readings
+    ]
+    errors = [[waveform.name, *_numbers(waveform.errors)] for waveform in trial.waveforms]
+    fit = trial.fitted.fit
+    notes = [
+        f"Model less sensor, in percent of the stroke of {decimal(trial.stroke_um)} µm. The model is Table 1",
+        "with k_p = 6e7 N/m and k_a = 6 N/µm; the paper has no numbers of its block H,",
+        f"which is fitted to one slow cycle here (max {fit.max_um:.1f} µm, RMS {fit.rms_um:.1f} µm). The zero",
+        "of that fit holds for all.",
+        _STARTS[trial.start],
+    ]
+    header = ["figure", "error", "paper µm", "ours µm"]
+    blocks = [render_columns(header, readings, style, align="<<>")] if readings else []
+    return "\n\n".join([*blocks, render_columns(["waveform", *_ERRORS], errors, style), "\n".join(notes)])
 
 
 def render_lever(lever: LeverFound) -> str:
@@ -71,36 +151,6 @@ def render_plan(plan: CalibrationPlan, style: Style = PLAIN) -> str:
     return "\n".join([render_columns(["at s", "to V", "in s"], rows, style, align=">"), *others, total])
 
 
-def _models(baselines: Mapping[str, Errors], ours: Errors) -> list[tuple[str, Errors]]:
-    return [*((MODEL_NAMES[key], figures) for key, figures in baselines.items()), (MODEL_NAMES["ours"], ours)]
-
-
-def _errors(title: str, rows: Sequence[tuple[str, Errors]], style: Style) -> str:
-    header = [title, "max µm", "RMS µm", "max %", "RMS %"]
-    return render_columns(header, [[name, *_numbers(figures)] for name, figures in rows], style)
-
-
-def _numbers(figures: Errors) -> list[str]:
-    digits = 3 if figures.range_um < SMALL_RANGE_UM else 2
-    lengths = [f"{value:.{digits}f}" for value in (figures.max_um, figures.rms_um)]
-    return [*lengths, decimal(figures.max_pct), decimal(figures.rms_pct)]
-
-
-def _validation(found: Findings, ours: Errors, style: Style) -> str:
-    """Errors on the files that were not fitted, and on each of them if there are several."""
-    title = found.files[0].name if len(found.files) == 1 else f"{len(found.files)} files"
-    rows = _models(found.validated_baselines, ours)
-    if len(found.files) > 1:
-        rows += [(f"edmctl, {file.name}", file) for file in found.files]
-    for file in found.files:
-        if file.screened:
-            alone = "" if len(found.files) == 1 else f", {file.name}"
-            rows.append((f"edmctl{alone}, screened", file.screened))
-    again = "Gain and zero are" if "gain" in found.refit else "The zero is"
-    notes = [f"Note: {file.note}" for file in found.files if file.note]
-    return "\n".join([_errors(title, rows, style), f"{again} fitted to each file first.", *notes])
-
-
 def _properties(found: Identification) -> list[str]:
     model, bands = found.model, found.bands
     stroke_sd_um = bands.gain_sd_um_per_v * (model.high_v - model.low_v)
@@ -128,64 +178,3 @@ def _lever_lines(lever: LeverFound | None) -> list[str]:
     if lever is None:
         return []
     return [f"{'lever factor':{_NAME_WIDTH}}{lever.factor:.3f} ± {lever.u95:.3f}"]
-
-
-def render_actuator(waveforms: Sequence[WaveformResult], stroke_um: float, style: Style = PLAIN) -> str:
-    """Render one row per waveform and model, and what the figures mean."""
-    header = ["waveform", "model", "max µm", "RMS µm", "max %", "RMS %"]
-    rows = [
-        [
-            waveform.name if index == 0 else "",
-            MODEL_NAMES[key],
-            *(decimal(value) for value in (errors.max_um, errors.rms_um, errors.max_pct, errors.rms_pct)),
-        ]
-        for waveform in waveforms
-        for index, (key, errors) in enumerate(waveform.models.items())
-    ]
-    return "\n".join(
-        [
-            render_columns(header, rows, style, align="<<>"),
-            f"Errors against the simulated truth, in percent of the stroke of {decimal(stroke_um)} µm.",
-            "Each model gets one zero per waveform (its mean error is taken off): the sensor's zero is not known.",
-            "The sensor's gain error stays in.",
-        ]
-    )
-
-
-_STARTS = {
-    "virgin": "The model begins virgin, with no memory, as a simulation does; the actuator has\nbeen cycled before.",
-    "conditioned": "Model and actuator have both been cycled over the whole range before.",
-}
-
-
-def render_paper_trial(trial: PaperTrial, style: Style = PLAIN) -> str:
-    """Render the errors of each waveform, and what the paper reads off it beside ours."""
-    blocks = []
-    rows = [
-        [reading.figure, reading.what, reading.paper, f"{reading.ours_um:.1f}"]
-        for waveform in trial.waveforms
-        for reading in waveform.readings
-    ]
-    if rows:
-        blocks.append(render_columns(["figure", "error", "paper µm", "ours µm"], rows, style, align="<<>"))
-    errors = [
-        [waveform.name, *(decimal(value) for value in (e.max_um, e.rms_um, e.max_pct, e.rms_pct))]
-        for waveform in trial.waveforms
-        for e in (waveform.errors,)
-    ]
-    header = ["waveform", "max µm", "RMS µm", "max %", "RMS %"]
-    blocks.append(render_columns(header, errors, style))
-    blocks.append("\n".join(_notes(trial)))
-    return "\n\n".join(blocks)
-
-
-def _notes(trial: PaperTrial) -> list[str]:
-    fit = trial.fitted.fit
-    fitted = f"max {fit.max_um:.1f} µm, RMS {fit.rms_um:.1f} µm"
-    return [
-        f"Model less sensor, in percent of the stroke of {decimal(trial.stroke_um)} µm. The model is Table 1",
-        "with k_p = 6e7 N/m and k_a = 6 N/µm; the paper has no numbers of its block H,",
-        f"which is fitted to one slow cycle here ({fitted}). The zero of that",
-        "fit holds for all.",
-        _STARTS[trial.start],
-    ]

@@ -61,23 +61,18 @@ def render_jumps(series: JumpSeries, style: Style = PLAIN) -> str:
     rows = [
         [
             str(jump.number),
-            length(jump.height_um),
-            length(jump.height_model_um),
-            length(jump.residual_um),
-            length(jump.residual_model_um),
+            *map(length, (jump.height_um, jump.height_model_um, jump.residual_um, jump.residual_model_um)),
             _ms(jump.settling_s),
         ]
         for jump in series.jumps[:MOST_ROWS]
     ]
     header = ["jump", "height", "by voltage", "residual", "by voltage", "settled after"]
-    table = render_columns(header, rows, style, align=">")
     left = len(series.jumps) - MOST_ROWS
-    more = [f"… and {plural(left, 'more jump')}"] if left > 0 else []
     s = series.summary
     lines = [
         f"From {length(series.start_um)} ({decimal(series.start_v)} V), {length(series.wanted_um)} wanted.",
-        table,
-        *more,
+        render_columns(header, rows, style, align=">"),
+        *([f"… and {plural(left, 'more jump')}"] if left > 0 else []),
         f"Height {length(s.height_mean_um)} on average, {length(s.height_max_um)} at most; residual "
         f"{length(s.residual_mean_um)}, at most {length(s.residual_max_um)}; the model is off the residual by "
         f"{length(s.model_error_mean_um)}, at most {length(s.model_error_max_um)}; settled after "
@@ -98,28 +93,27 @@ def render_wear(
 
     ledger_um : sum of the wears of the tool's jobs since its reference; total_um : what it has lost in all
     """
-    depth_basis = found.depth_basis
-    bases = (depth_basis, found.wear_basis)
+    has_depth = found.depth_basis is not None
+    bases = (found.depth_basis, found.wear_basis)
     head = heading(bases)
     # Lengths by the model alone would be in the table twice.
     has_sensor = found.wear_basis != Basis.MODEL
     header = [name, head, *(["from voltage"] if has_sensor else []), *(["truth"] if truth else [])]
     rows = []
-    for key in ("depth", "wear", "feed") if depth_basis else ("wear",):
+    for key in ("depth", "wear", "feed") if has_depth else ("wear",):
         value, u95, model, model_u95 = (
             getattr(found, f"{key}_{part}um") for part in ("", "u95_", "model_", "model_u95_")
         )
         row = ["tool wear" if key == "wear" else key, marked(length(value, u95), basis_of(key, *bases), head)]
         row += [length(model, model_u95)] if has_sensor else []
         rows.append([*row, length(truth[f"{key}_um"])] if truth else row)
-    rows.append(["Z1 reference", length(found.z1_um)])
-    rows += [["Z2 bottom", length(found.z2_um)]] if depth_basis else []
-    rows += [["Z3 pad", length(found.z3_um)], ["drift of Z3", length(found.drift_um)]]
-    parts = [
-        [part.source, length(part.depth_um), length(part.wear_um), length(part.feed_um)]
-        for part in found.budget
-    ]
+    heights = {"Z1 reference": found.z1_um, "Z2 bottom": found.z2_um, "Z3 pad": found.z3_um}
+    heights["drift of Z3"] = found.drift_um
+    rows += [[key, length(um)] for key, um in heights.items() if has_depth or key != "Z2 bottom"]
     columns = ["standard uncertainty", "depth", "tool wear", "feed"]
+    parts = [[one.source, *map(length, (one.depth_um, one.wear_um, one.feed_um))] for one in found.budget]
+    if not has_depth:
+        columns, *parts = ([source, wear_um] for source, _, wear_um, _ in (columns, *parts))
     words = [
         f"At least {found.touches} touches of every Z. The tool's jobs account for {length(ledger_um)} of wear; it "
         f"has lost {length(total_um)} in all.",
@@ -128,13 +122,10 @@ def render_wear(
         if found.drift_correction_um
         else "Drift since the reference is not corrected; it is in the intervals.",
     ]
-    if depth_basis is None:
-        columns, *parts = ([source, wear_um] for source, _, wear_um, _ in (columns, *parts))
+    if not has_depth:
         words.insert(0, "No depth: the tool's last job left no measured bottom. Name a hole with --site.")
-    table = render_columns(header, rows, style)
-    return "\n\n".join(
-        ["\n".join([table, *meanings(bases, head)]), render_columns(columns, parts, style), *words]
-    )
+    table = "\n".join([render_columns(header, rows, style), *meanings(bases, head)])
+    return "\n\n".join([table, render_columns(columns, parts, style), *words])
 
 
 def render_reference(

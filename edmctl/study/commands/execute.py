@@ -23,7 +23,7 @@ from edmctl.cli.options import (
 from edmctl.cli.outcome import Outcome, stream_style, tell, watching
 from edmctl.cli.render.layout import USUAL_COLUMNS, wrapped
 from edmctl.cli.render.progress import Reporter
-from edmctl.cli.signals import begin_worker, shell
+from edmctl.cli.signals import ignore_signals, shell
 from edmctl.dataclasses import dataclass, replace
 from edmctl.profile.folders import find_profile, find_study
 from edmctl.study.results import PlannedRun, RunKind, RunState, StudyRun
@@ -252,7 +252,7 @@ def _virtual(study: "StudyFolder", making: Making, reporter: "Reporter") -> None
         with dask_pool(making.dask) as pool:
             run_virtual(study, reporter, None, pool)
         return
-    program = Program(shell, begin_worker)
+    program = Program(shell, ignore_signals)
     many = cores() if making.workers is None else making.workers
     run_virtual(study, reporter, program, process_pool(many, program) if many > 1 else None)
 
