@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from edmctl.cli.commands.machine import closing_text
 from edmctl.cli.render.live_view import Histories, draw_view
 from edmctl.cli.render.result_table import render_job
-from edmctl.cli.render.style import PLAIN, Style
+from edmctl.cli.render.terminal import PLAIN, Style
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import JobRequest, check
 from edmctl.jobs.run_header import RunName

@@ -13,7 +13,7 @@ from typing import TextIO
 from edmctl import failures
 from edmctl.cli.render.diagnostics import render_diagnostics
 from edmctl.cli.render.progress import EventReporter, LineReporter, Reporter
-from edmctl.cli.render.style import Style, style_of
+from edmctl.cli.render.terminal import Style, style_of
 from edmctl.cli.signals import SignalArrived, ignore_signals, signal_name
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import (

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from edmctl.cli.render.runs_tables import render_runs
-from edmctl.cli.render.style import Style
+from edmctl.cli.render.terminal import Style
 from edmctl.labels import Basis, Verdict
 from edmctl.record.run_index import read_head
 from edmctl.record.writer import RunWriter

@@ -11,7 +11,7 @@ import pytest
 
 from edmctl.cli import outcome
 from edmctl.cli.render.live import LiveReporter
-from edmctl.cli.render.style import Style
+from edmctl.cli.render.terminal import Style
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.jobs.sweep import seed_to_use
 from tests.cli.commands import command, environment

@@ -11,7 +11,7 @@ import pytest
 
 from edmctl.app import command_tree
 from edmctl.cli.render.help import render_help
-from edmctl.cli.render.style import Style
+from edmctl.cli.render.terminal import Style
 from edmctl.errors import EdmError
 from edmctl.exitcodes import MEANING, ExitCode
 from edmctl.version import __version__

@@ -11,8 +11,7 @@ from edmctl.board.results import (
     hexadecimal,
     settings_text,
 )
-from edmctl.cli.render.layout import render_columns
-from edmctl.cli.render.style import PLAIN, Ink, Style
+from edmctl.cli.render.terminal import PLAIN, Ink, Style, render_columns
 from edmctl.wording import dotted
 
 _INKS = {

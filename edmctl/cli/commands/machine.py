@@ -11,7 +11,6 @@ from edmctl import failures
 from edmctl.cli import completion
 from edmctl.cli.options import PROGRESS, JobOptions, NewToolOption, RunOptions, command, options_given
 from edmctl.cli.outcome import Outcome, note, watching
-from edmctl.cli.render.layout import wrapped
 from edmctl.cli.render.procedure_tables import (
     render_drift,
     render_jumps,
@@ -22,7 +21,7 @@ from edmctl.cli.render.procedure_tables import (
 )
 from edmctl.cli.render.progress import Reporter
 from edmctl.cli.render.result_table import render_job
-from edmctl.cli.render.style import Style
+from edmctl.cli.render.terminal import Style, wrapped
 from edmctl.cli.signals import ignore_signals, shell
 from edmctl.jobs.sweep import seed_to_use, simulated_by
 from edmctl.wording import coordinates

@@ -11,7 +11,7 @@ from edmctl import failures
 from edmctl.cli import completion
 from edmctl.cli.options import SetOption, SetupOption, command, command_group
 from edmctl.cli.outcome import Outcome, diagnostics_of
-from edmctl.cli.render.style import Style
+from edmctl.cli.render.terminal import Style
 from edmctl.errors import Diagnostic, EdmError, ProfileError
 from edmctl.files import read_bytes
 from edmctl.jsonout import to_json_value

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from edmctl.cli.render.layout import render_columns
-from edmctl.cli.render.style import PLAIN, Style
+from edmctl.cli.render.terminal import PLAIN, Style, render_columns
 from edmctl.quantity import half_width
 from edmctl.wording import count, decimal, duration, with_u95
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from edmctl.cli.render.layout import wrapped
-from edmctl.cli.render.style import PLAIN, Ink, Style
+from edmctl.cli.render.terminal import PLAIN, Ink, Style, wrapped
 from edmctl.errors import Diagnostic, Location
 from edmctl.wording import escaped, plural, printable, shortened
 

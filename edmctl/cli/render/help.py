@@ -6,8 +6,7 @@ import inspect
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from edmctl.cli.render.layout import wrapped
-from edmctl.cli.render.style import Ink, Style, terminal_columns
+from edmctl.cli.render.terminal import Ink, Style, terminal_columns, wrapped
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -13,10 +13,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TextIO
 
-from edmctl.cli.render.layout import Span, wrapped
 from edmctl.cli.render.live_view import Histories, count_bar, draw_view, painted, plain_ascii
 from edmctl.cli.render.progress import Pacer, Reporter, left_words
-from edmctl.cli.render.style import Ink, Style
+from edmctl.cli.render.terminal import Ink, Span, Style, wrapped
 from edmctl.results.progress import Progress
 from edmctl.wording import escaped
 

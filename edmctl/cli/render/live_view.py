@@ -14,9 +14,8 @@ from operator import itemgetter
 
 from rich.cells import cell_len, set_cell_size
 
-from edmctl.cli.render.layout import Span
 from edmctl.cli.render.progress import depth_words, has_pulses, while_cutting
-from edmctl.cli.render.style import Ink, Style
+from edmctl.cli.render.terminal import Ink, Span, Style
 from edmctl.dataclasses import dataclass, field
 from edmctl.results.progress import Extremes, Progress
 from edmctl.results.telemetry import PulseShares

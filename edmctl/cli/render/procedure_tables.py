@@ -6,9 +6,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from edmctl.cli.render.layout import USUAL_COLUMNS, render_columns, wrapped
 from edmctl.cli.render.result_table import beliefs_in_words
-from edmctl.cli.render.style import PLAIN, Ink, Style
+from edmctl.cli.render.terminal import PLAIN, USUAL_COLUMNS, Ink, Style, render_columns, wrapped
 from edmctl.labels import Basis, basis_of, heading, marked, meanings
 from edmctl.quantity import half_width
 from edmctl.results.equipment import Check, PortRow

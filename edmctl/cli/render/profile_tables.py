@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from edmctl.cli.render.layout import narrowed, not_shown, render_columns, render_table
-from edmctl.cli.render.style import PLAIN, Ink, Style
+from edmctl.cli.render.terminal import PLAIN, Ink, Style, narrowed, not_shown, render_columns, render_table
 from edmctl.results.result import Forecast, ProfileSummary
 from edmctl.toml_text import toml_value
 from edmctl.wording import count, decimal, duration, length, percent, plural, removal_rate

@@ -7,8 +7,17 @@ from collections.abc import Mapping, Sequence
 from math import isfinite, isnan
 from typing import TYPE_CHECKING
 
-from edmctl.cli.render.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
-from edmctl.cli.render.style import PLAIN, Ink, Style
+from edmctl.cli.render.terminal import (
+    PLAIN,
+    USUAL_COLUMNS,
+    Ink,
+    Style,
+    labelled,
+    narrowed,
+    render_columns,
+    render_table,
+    wrapped,
+)
 from edmctl.labels import Basis, Seen, basis_of, heading, is_doubtful, marked, meanings, weakest
 from edmctl.quantity import half_width
 from edmctl.results.job import Belief, ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth

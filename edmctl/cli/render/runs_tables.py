@@ -12,8 +12,17 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from string import ascii_uppercase
 
-from edmctl.cli.render.layout import narrowed, not_shown, render_columns, render_table, width_of, wrapped
-from edmctl.cli.render.style import PLAIN, Ink, Style
+from edmctl.cli.render.terminal import (
+    PLAIN,
+    Ink,
+    Style,
+    narrowed,
+    not_shown,
+    render_columns,
+    render_table,
+    width_of,
+    wrapped,
+)
 from edmctl.labels import Basis, marked, meanings
 from edmctl.results.job import Case, Statistics
 from edmctl.results.run_file import Amount, Comparison, Quantity, RunHead, Unreadable

@@ -12,8 +12,7 @@ import typer
 from edmctl import failures
 from edmctl.cli.options import RunArgument, command
 from edmctl.cli.outcome import Outcome, mutter, unwritable
-from edmctl.cli.render.layout import render_columns
-from edmctl.cli.render.style import Style
+from edmctl.cli.render.terminal import Style, render_columns
 from edmctl.errors import EdmError
 from edmctl.jobs.runs.opening import find_run, plain_stem, reading_unless_killed
 from edmctl.results.run_file import Exported

@@ -11,8 +11,17 @@ import typer
 from edmctl import failures
 from edmctl.cli.options import NOTES, command, command_group
 from edmctl.cli.outcome import Outcome, stream_style, watching
-from edmctl.cli.render.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
-from edmctl.cli.render.style import PLAIN, Ink, Style
+from edmctl.cli.render.terminal import (
+    PLAIN,
+    USUAL_COLUMNS,
+    Ink,
+    Style,
+    labelled,
+    narrowed,
+    render_columns,
+    render_table,
+    wrapped,
+)
 from edmctl.cli.signals import shell
 from edmctl.dataclasses import asdict, replace
 from edmctl.profile.folders import shipped_studies

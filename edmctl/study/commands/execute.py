@@ -21,8 +21,8 @@ from edmctl.cli.options import (
     controlled_by,
 )
 from edmctl.cli.outcome import Outcome, stream_style, tell, watching
-from edmctl.cli.render.layout import USUAL_COLUMNS, wrapped
 from edmctl.cli.render.progress import Reporter
+from edmctl.cli.render.terminal import USUAL_COLUMNS, wrapped
 from edmctl.cli.signals import ignore_signals, shell
 from edmctl.dataclasses import dataclass, replace
 from edmctl.profile.folders import find_profile, find_study

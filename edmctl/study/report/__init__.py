@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl import failures
-from edmctl.cli.render.layout import USUAL_COLUMNS, render_columns, wrapped
-from edmctl.cli.render.style import PLAIN, Ink, Style
+from edmctl.cli.render.terminal import PLAIN, USUAL_COLUMNS, Ink, Style, render_columns, wrapped
 from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import EdmError
 from edmctl.jobs import output_files

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from edmctl.cli.render.diagnostics import render_diagnostics
-from edmctl.cli.render.style import Style
+from edmctl.cli.render.terminal import Style
 from edmctl.errors import Diagnostic, Location
 
 ERROR = Diagnostic(

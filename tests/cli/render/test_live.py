@@ -23,12 +23,12 @@ from edmctl.cli.render.live_view import (
     draw_view,
     pulse_bar,
 )
-from edmctl.cli.render.style import Style
+from edmctl.cli.render.terminal import Style
 from edmctl.results.telemetry import PulseShares
 from tests.cli.render.views import HandClock, made_state
 
 if TYPE_CHECKING:
-    from edmctl.cli.render.layout import Span
+    from edmctl.cli.render.terminal import Span
     from edmctl.results.progress import Progress
 
 PLAIN_VIEW = Style(colour=False, live=True)

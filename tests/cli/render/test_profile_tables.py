@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.cli.render.profile_tables import render_forecast, render_forecasts, render_profiles, render_toml
-from edmctl.cli.render.style import Style
+from edmctl.cli.render.terminal import Style
 from edmctl.planning.forecast import forecast
 from edmctl.planning.rules.load import load_profile, summaries
 from edmctl.profile.setup import Setup

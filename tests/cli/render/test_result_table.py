@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from edmctl.cli.render.result_table import render_job
-from edmctl.cli.render.style import Style
+from edmctl.cli.render.terminal import Style
 from edmctl.labels import Basis, Seen
 from edmctl.results.job import Belief, SiteResult
 from tests.cli.render.views import CHANNEL_TRUTH, TRUTH, made_channel, made_job, made_site

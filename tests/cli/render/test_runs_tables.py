@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from edmctl.cli.render.runs_tables import render_cases, render_comparison
-from edmctl.cli.render.style import Style
+from edmctl.cli.render.terminal import Style
 from edmctl.results.job import Case, SimulatedRun, Statistics
 from edmctl.results.run_file import Amount, ComparedRun, Comparison, Quantity, Setting
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from edmctl.cli.render.layout import wrapped
+from edmctl.cli.render.terminal import wrapped
 from edmctl.study.report import render_response
 from edmctl.study.report.tables import fit_quality
 from edmctl.study.results import ResponseInfo

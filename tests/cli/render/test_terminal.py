@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from edmctl.cli.render.style import PLAIN, Ink, Style, style_of
+from edmctl.cli.render.terminal import PLAIN, Ink, Style, style_of
 
 
 class Terminal(io.StringIO):
