@@ -100,7 +100,7 @@ SERVO = (
         "motion.c",
         "v = least(before + step, most(before - step, v));",
         "v = most(before - step, v);",
-        "simulator/test_controller.py",
+        "conformance/test_motions.py",
     ),
     Mutation(
         "a contact under voltage is believed",
