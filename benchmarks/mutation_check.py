@@ -100,7 +100,7 @@ SERVO = (
         "motion.c",
         "v = least(before + step, most(before - step, v));",
         "v = most(before - step, v);",
-        "conformance/test_motions.py",
+        "simulator/test_controller.py",
     ),
     Mutation(
         "a contact under voltage is believed",

@@ -478,14 +478,24 @@ def test_answers_count_at_a_virtual_machine_too(here: Here, wired: Any) -> None:
     assert said.exit_code == 0, said.err  # the program's hands and eyes do what nobody speaks of
 
 
-def test_options_without_an_effect_are_refused(here: Here, wired: Any) -> None:
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        (("--yes", "--acts", "hands"), "E2066"),
+        (("--yes", "--answers", "answers.toml"), "E2067"),
+        (("--yes", "--port", "/dev/nothing"), "E2067"),
+        ((), "E2068"),  # nobody is at a terminal
+        (("--answers", "none.toml"), "E2065"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_before_anything_is_opened(
+    here: Here, wired: Any, options: tuple[str, ...], code: str
+) -> None:
     bench = wired()
-    answers = write_answers(Path("answers.toml"))
-    said = here("first-start", "--yes", "--acts", "hands", "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2066")
+    write_answers(Path("answers.toml"))
+    said = here("first-start", *options, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (2, code)
     assert not Path("hands").exists()
-    said = here("first-start", "--yes", "--answers", answers, "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2067")
     assert bench.made == []
 
 
@@ -501,17 +511,12 @@ def test_a_served_machine_is_not_acted_on_where_answers_skip(here: Here) -> None
     assert [warning["code"] for warning in said.document["warnings"]] == ["W4102"]
 
 
-def test_nobody_at_a_terminal_is_refused_before_anything_is_opened(here: Here, wired: Any) -> None:
+def test_answers_that_are_none_are_refused_before_anything_is_opened(here: Here, wired: Any) -> None:
     bench = wired()
-    said = here("first-start", "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2068")
-    said = here("first-start", "--yes", "--json", "--port", "/dev/nothing")
-    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2067")
     for line in ('estop-press = "perhaps"', 'sing = "yes"', "battery-volts = 'much'", "x-direction = 3", "?"):
         Path("wrong.toml").write_text(line)
         said = here("first-start", "--answers", "wrong.toml", "--json")
         assert (said.exit_code, said.document["error"]["code"]) == (2, "E2065"), line
-    assert here("first-start", "--answers", "none.toml").exit_code == 2
     assert bench.made == []
 
 
@@ -603,11 +608,6 @@ def test_what_an_act_has_changed_is_told_at_once(
             assert text == f"{other} {end}; expected: {name} {end}"
         else:
             assert text == f"{name} {end}"
-
-
-def test_the_float_of_the_level_switch_sinks() -> None:
-    assert "float sink" in ACTS["level-low"].text
-    assert "float rise" in ACTS["level-ok"].text
 
 
 def test_a_terminal_that_is_closed_ends_it(here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -239,29 +239,17 @@ class Peer:
 
     def reply_to(self, type_id: int, seq: int, timeout_s: float = ANSWER_S) -> Reply | None:
         """The reply to a command that was sent, or None."""
-        seen = 0
+        wanted = (type_id | wire.REPLY, seq, self.session)
 
         def found() -> Frame | None:
-            nonlocal seen
-            for frame in self.frames[seen:]:
-                if frame[:3] == (type_id | wire.REPLY, seq, self.session):
-                    return frame
-            seen = len(self.frames)
+            return next((frame for frame in self.frames[-400:] if frame[:3] == wanted), None)
+
+        self.wait(found, timeout_s)
+        frame = found()
+        if frame is None:
             return None
-
-        seen = max(0, len(self.frames) - 400)
-        kept: list[Frame] = []
-
-        def came() -> bool:
-            frame = found()
-            if frame:
-                kept.append(frame)
-            return bool(frame)
-
-        if not self.wait(came, timeout_s):
-            return None
-        self.frames.remove(kept[0])
-        return self._reply(kept[0])
+        self.frames.remove(frame)
+        return self._reply(frame)
 
     def _reply(self, frame: Frame) -> Reply:
         layout = layouts.ANSWERS.get(frame.type_id)

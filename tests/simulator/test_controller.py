@@ -57,6 +57,18 @@ def test_an_abort_run_that_ends_in_a_later_read_acts_before_the_frame_behind_it(
     assert m.Fault.unpack(first.payload).code == FaultCode.ABORT_RUN
 
 
+def test_no_ramp_is_faster_than_the_slew_limit_either_way(rig: RigMaker) -> None:
+    r = rig().arm({"slew_limit_v_s": 50.0})
+    r.session.request(m.TlmStart(1000, 14, m.PulseLog.OFF))
+    for target_v in (60.0, 20.0):
+        r.session.request(m.PiezoSet(target_v, 500.0))
+        r.wait(m.EventCode.MOVE_DONE, 5.0)
+    v = r.column("actuator_v")
+    steps_v = v[20:] - v[:-20]  # over 20 ms: telemetry has steps of its own
+    assert steps_v.max() == pytest.approx(1.0, abs=0.05)
+    assert steps_v.min() == pytest.approx(-1.0, abs=0.05)
+
+
 def test_a_fault_is_not_cleared_while_its_cause_lasts(rig: RigMaker) -> None:
     r = rig().arm().to_pad().start_sparking()
     r.bench.plant.dielectric_level_ok = False
