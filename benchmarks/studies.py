@@ -214,7 +214,7 @@ def one_hole(case: tuple[float, dict[str, float], int], *, hurried: bool = True)
         *(f"{key}={value!r}" for key, value in settings.items()),
     ]
     report = edmctl.connect("sim:", seed=seed).machine("cu270", overrides=overrides, warn=lambda _: None)
-    values, *_ = responses_of(report.to_dict(), depth_um)
+    values = responses_of(report.to_dict(), depth_um)["responses"]
     return {name: value for name, value in values.items() if value is not None and report.error is None}
 
 

@@ -235,7 +235,6 @@ class _Series:
         return policy == "each" or (policy == "suggestions" and is_suggestion)
 
     def _stop(self, run: StudyRun, error: EdmError) -> None:
-        """Say how the study goes on, and end it."""
         worn_tool = _tool_in_use(self._folder.read(), run) if error.code == WORN_OUT else None
         self._writer.paused(run, f"{error.code}: {error.message}", worn_tool)
         command = self._command() + (" --homed" if "--homed" in error.hint else "")

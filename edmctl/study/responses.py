@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 from edmctl.dataclasses import dataclass
 from edmctl.jsonout import JsonValue, to_json_value
@@ -69,9 +70,7 @@ COLUMNS = frozenset((
 ))  # fmt: skip
 """Columns of the table that contain something else: no response has such a name."""
 
-_UNITS = {"_um": "µm", "_s": "s", "_j": "J", "_mm3_min": "mm³/min", "_j_um": "J/µm"}
-
-
+_UNITS = {"_j_um": "J/µm", "_um": "µm", "_s": "s", "_j": "J", "_mm3_min": "mm³/min"}
 LARGEST = 1e30
 """Of any response: powers of it stay finite."""
 
@@ -90,24 +89,18 @@ def range_of(name: str) -> tuple[float, float]:
 
 def unit_of(name: str) -> str:
     """Return the unit of a response of the job, by the end of its name."""
-    return next(
-        (unit for end, unit in sorted(_UNITS.items(), key=lambda one: -len(one[0])) if name.endswith(end)), ""
-    )
+    return next((unit for end, unit in _UNITS.items() if name.endswith(end)), "")
 
 
-def responses_of(
-    result: Mapping[str, JsonValue], target_um: float | None
-) -> tuple[dict[str, float | None], dict[str, float | None], dict[str, float | None], dict[str, str]]:
-    """Return values, standard uncertainties, half-widths of 95 % intervals and bases of a job's responses.
-
-    A value that the job does not have is None.
+def responses_of(result: Mapping[str, JsonValue], target_um: float | None) -> dict[str, Any]:
+    """Return the `responses` of a job with `u`, `u95` and `bases`, as a row of a run has them.
 
     result : a report as plain values, or the summary in its run file
     """
     made = _made(result)
     values: dict[str, float] = {name: _number(result, name) for name in ("time_s", "measuring_time_s")}
     if not made:
-        return _plain(values), {}, {}, {}
+        return {"responses": _plain(values)}
     for name in ("depth_um", "wear_um", "feed_um", "working_gap_um", *_RATIOS):
         values[name] = _mean(_number(one, name) for one in made)
     for kind in ("open", "normal", "arc", "short"):
@@ -121,11 +114,11 @@ def responses_of(
         values["depth_error_um"] = depth_um - target_um
     if depth_um > 0:
         values["energy_per_depth_j_um"] = values["energy_j"] / (depth_um * len(made))
-    u, u95 = (_plain(_uncertainties(values, made, mark)) for mark in ("u", "u95"))
+    uncertainties = {mark: _plain(_uncertainties(values, made, mark)) for mark in ("u", "u95")}
     bases = {
         f"{name}_um": str(weakest(str(one[f"{name}_basis"]) for one in made)) for name in ("depth", "wear")
     }
-    return _plain(values), u, u95, bases
+    return {"responses": _plain(values), **uncertainties, "bases": bases}
 
 
 def _uncertainties(
@@ -162,7 +155,6 @@ _RATIOS = ("wear_ratio_lin", "wear_ratio_vol", "mrr_mm3_min", "zero_drift_um")
 
 
 def _made(result: Mapping[str, JsonValue]) -> list[dict[str, JsonValue]]:
-    """The holes, or the channel, of a result."""
     sites, channel = result.get("sites"), result.get("channel")
     if isinstance(channel, dict):
         return [channel]

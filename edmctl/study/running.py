@@ -96,7 +96,6 @@ def row_of(
     bare: RunRow, plan: Plan, result: Mapping[str, JsonValue], file: Path | None, error: EdmError | None
 ) -> RunRow:
     """Return the row of an attempt with the result of its job."""
-    values, u, u95, bases = responses_of(result, getattr(plan.loaded.profile.target, "depth_um", None))
     digest = ""
     if file is not None:
         with open_regular(file) as opened:
@@ -105,10 +104,7 @@ def row_of(
         bare,
         exit_code=error_exit_code(error) if error is not None else 0,
         error=f"{error.code}: {error.message}" if error is not None else None,
-        responses=values,
-        u=u,
-        u95=u95,
-        bases=bases,
+        **responses_of(result, getattr(plan.loaded.profile.target, "depth_um", None)),
         truth=truth_of(result),
         run_files=(file.name,) if file is not None else (),
         run_sha256=digest,

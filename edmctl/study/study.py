@@ -72,7 +72,7 @@ class Study:
 
     def __repr__(self) -> str:
         plan = self.plan()
-        where = f", {in_words(self._state())} in {self._folder.path}" if self._folder is not None else ""
+        where = f", {in_words(self._state().runs)} in {self._folder.path}" if self._folder is not None else ""
         return f"<Study {plan.name}, {plan.kind}, {len(plan.runs)} runs{where}>"
 
     def plan(self) -> StudyPlan:

@@ -458,7 +458,6 @@ def _data(state: StudyState) -> tuple[list[StudyRun], list[float], list[tuple[li
 
 
 def _wanted(plan: StudyPlan) -> list[str]:
-    """Names of the responses that a suggestion is about."""
     return [*(name for name, _ in plan.objectives), *(bound.response for bound in plan.constraints)]
 
 

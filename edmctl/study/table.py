@@ -248,9 +248,9 @@ def made_run(state: StudyState, number: int) -> StudyRun:
     return run
 
 
-def counts_of(state: StudyState) -> dict[str, int]:
-    """Return how many runs are in which state."""
-    return {str(kind): sum(run.state is kind for run in state.runs) for kind in RunState}
+def counts_of(runs: Sequence[StudyRun]) -> dict[str, int]:
+    """Return the number of runs in each state."""
+    return {str(kind): sum(run.state is kind for run in runs) for kind in RunState}
 
 
 def missing_manual(state: StudyState) -> list[tuple[int, tuple[str, ...]]]:
@@ -264,10 +264,10 @@ def missing_manual(state: StudyState) -> list[tuple[int, tuple[str, ...]]]:
     return [one for one in lacking if one[1]]
 
 
-def in_words(state: StudyState) -> str:
-    """Return how far the study is in one sentence."""
-    found = counts_of(state)
-    words = [f"{found['done']} of {plural(len(state.runs), 'run')} done"]
+def in_words(runs: Sequence[StudyRun]) -> str:
+    """Return the progress of runs: `12 of 18 runs done, 1 failed`."""
+    found = counts_of(runs)
+    words = [f"{found['done']} of {plural(len(runs), 'run')} done"]
     words += [f"{found[name]} {name}" for name in ("failed", "rejected") if found[name]]
     return ", ".join(words)
 

@@ -66,7 +66,7 @@ def used(path: Path) -> None:
     folder = open_folder(path)
     state = folder.read()
     render_plan(folder.plan)
-    render_status(folder.plan, state.runs, in_words(state), what_next(state))
+    render_status(folder.plan, state.runs, in_words(state.runs), what_next(state))
     rows = table_of(state)
     for form in ("csv", "json", "jsonl"):
         table_bytes(rows, form, columns_of(state))

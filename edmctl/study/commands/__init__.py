@@ -91,13 +91,13 @@ def status(outcome: Outcome, folder: FolderArgument) -> None:
     outcome.result = {
         "study": study.plan.name,
         "runs": len(state.runs),
-        "counts": counts_of(state),
+        "counts": counts_of(state.runs),
         "missing": [{"run": number, "responses": list(names)} for number, names in missing_manual(state)],
         "torn_lines": state.rows.torn,
         "table": table_of(state),
     }
     style = stream_style(sys.stdout)
-    outcome.text = render_status(study.plan, state.runs, in_words(state), what_next(state), style)
+    outcome.text = render_status(study.plan, state.runs, in_words(state.runs), what_next(state), style)
 
 
 PageOption = Annotated[

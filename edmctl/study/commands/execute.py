@@ -292,10 +292,10 @@ def _tell(outcome: Outcome, study: "StudyFolder", command: str) -> None:
         "folder": str(study.path),
         "study": study.plan.name,
         "runs": len(state.runs),
-        "counts": counts_of(state),
+        "counts": counts_of(state.runs),
     }
     columns = stream_style(sys.stdout).columns or USUAL_COLUMNS
-    told = [f"{study.plan.name}: {in_words(state)}.", *what_next(state, command)]
+    told = [f"{study.plan.name}: {in_words(state.runs)}.", *what_next(state, command)]
     outcome.text = "\n".join(line for one in told for line in wrapped(one, columns, "  "))
 
 

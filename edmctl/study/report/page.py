@@ -13,6 +13,7 @@ from edmctl.report.html import PageTable, Picture
 from edmctl.study.report import StudyReport, tables, words
 from edmctl.study.results import RunState
 from edmctl.study.statistics.response_analysis import ResponseAnalysis
+from edmctl.study.table import in_words
 from edmctl.wording import plural
 
 Parts: TypeAlias = Sequence[PageTable | str | None]
@@ -50,7 +51,7 @@ def render_study_page(
     title = title or plan.name
     done = all(run.state is RunState.DONE for run in parts.runs)
     simulated = any(run.row is not None and run.row.truth for run in parts.runs)
-    status = f"{words.progress_words(parts.runs)}{' · simulated' if simulated else ''}"
+    status = f"{in_words(parts.runs)}{' · simulated' if simulated else ''}"
     started = min((run.row.started for run in parts.runs if run.row and run.row.started), default="")
     facts = [plan.kind, plural(len(plan.factors), "factor"), plural(len(plan.responses), "response")]
     header = [
@@ -136,7 +137,6 @@ def _beside(*tables: PageTable | None) -> str:
 
 
 def _pictures(parts: StudyReport, one: ResponseAnalysis, prefix: str) -> Iterator[Picture]:
-    """Draw all figures of one response."""
     from edmctl.study.report import figures
 
     plan, info, runs, name = parts.analysis.plan, parts.info(one.name), parts.analysis.runs, one.name

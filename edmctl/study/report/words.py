@@ -11,7 +11,6 @@ from edmctl.study.results import (
     Recommendation,
     ResponseInfo,
     RunKind,
-    RunState,
     StudyPlan,
     StudyRun,
     Value,
@@ -316,13 +315,3 @@ def held(confirmations: Sequence[Confirmation]) -> bool | None:
     """Return whether every confirmation held; None where nothing was tested."""
     tested = [response for one in confirmations for response in one.responses if response.is_tested]
     return all(response.held == len(response.measured) for response in tested) if tested else None
-
-
-def progress_words(state: Sequence[StudyRun]) -> str:
-    """Return how far the runs have come: `18 runs done`, `12 of 18 runs done, 1 failed`."""
-    counted = {kind: sum(run.state is kind for run in state) for kind in RunState}
-    done = counted[RunState.DONE]
-    text = f"{plural(done, 'run')} done" if done == len(state) else f"{done} of {len(state)} runs done"
-    return text + "".join(
-        f", {counted[kind]} {kind.value}" for kind in (RunState.FAILED, RunState.REJECTED) if counted[kind]
-    )
