@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -42,6 +44,35 @@ models = st.builds(
     hinges=st.integers(1, 5),
     plays=st.integers(2, 12),
     creep=st.sampled_from([0.0, 0.02, 0.1]),
+)
+
+
+def rounded_model(
+    limits_v: tuple[float, float] = (20.0, 28.0),
+    sharpness: float = 0.5,
+    unloading: float = 0.6,
+    lag_s: float = 0.0,
+) -> ActuatorModel:
+    """A model with a rounded play that creeps, of half the slope."""
+    plain = make_model(creep=0.01)
+    return replace(
+        plain,
+        rounded_limits_v=np.array([limits_v]),
+        rounded_sharpness=np.array([sharpness]),
+        rounded_unloading=np.array([unloading]),
+        rounded_um_per_v=np.array([0.5]),
+        creep_plays=np.append(plain.creep_plays, 6),
+        creep_um_per_v=np.vstack([plain.creep_um_per_v, plain.creep_um_per_v[:1]]),
+        lag_s=lag_s,
+    )
+
+
+rounded_models = st.builds(
+    rounded_model,
+    limits_v=st.tuples(st.floats(1.0, 75.0), st.floats(1.0, 75.0)),
+    sharpness=st.floats(0.0, 1.0),
+    unloading=st.floats(0.0, 2.0),
+    lag_s=st.sampled_from([0.0, 0.002, 0.02]),
 )
 voltages = st.lists(st.floats(LOW_V, HIGH_V), min_size=2, max_size=40)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import accumulate
 
 import numpy as np
 import pytest
@@ -45,7 +46,9 @@ def plays(draw: st.DrawFn) -> Plays:
 def test_the_maxwell_form_moves_as_the_plays_and_inverts_them(bank: Plays, u_v: Array) -> None:
     model, path = MaxwellModel.from_plays(*bank), np.concatenate([[0.0], u_v])
     y_um = np.asarray(sum(w * play(path, r) for r, w in zip(*bank, strict=True)))
-    assert np.abs(model.displacement(path) - y_um).max() <= 1e-9
+    state = model.virgin()
+    parts_um = [model.displacement(part, state) for part in np.array_split(path, 3)]
+    assert np.abs(np.concatenate(parts_um) - y_um).max() <= 1e-9
     assert np.abs(model.voltage(y_um) - path).max() <= 1e-9
     assert np.abs(model.displacement(model.voltage(u_v)) - u_v).max() <= 1e-9
 
@@ -53,45 +56,6 @@ def test_the_maxwell_form_moves_as_the_plays_and_inverts_them(bank: Plays, u_v: 
 def test_limits_are_the_initial_loading_curve() -> None:
     loading_um = MODEL.displacement(THRESHOLDS_V[1:])
     assert MODEL.limits_um == pytest.approx(loading_um, abs=1e-12)
-
-
-@given(histories, st.integers(2, 9))
-def test_only_turning_points_matter(u_v: Array, parts: int) -> None:
-    path = np.concatenate([[0.0], u_v])
-    fine = np.interp(np.arange(parts * (len(path) - 1) + 1) / parts, np.arange(len(path)), path)
-    assert np.abs(MODEL.displacement(fine)[::parts] - MODEL.displacement(path)).max() <= 1e-9
-
-
-@given(histories, st.floats(0.0, 150.0), st.floats(0.0, 150.0))
-def test_a_closed_minor_loop_is_wiped_out(u_v: Array, first_v: float, second_v: float) -> None:
-    state = MODEL.virgin()
-    MODEL.displacement(u_v, state)
-    low_v, high_v = sorted((first_v, second_v))
-    opened_um = MODEL.displacement(np.array([high_v, low_v, high_v]), state)
-    stops_um = state.stops_um.copy()
-    closed_um = MODEL.displacement(np.array([low_v, high_v]), state)
-    assert closed_um[-1] == pytest.approx(opened_um[-1], abs=1e-9)
-    assert state.stops_um == pytest.approx(stops_um, abs=1e-9)
-
-
-@given(st.floats(0.0, 100.0), st.floats(0.0, 100.0), st.floats(1.0, 50.0))
-def test_minor_loops_are_alike(bias_v: float, other_v: float, span_v: float) -> None:
-    shapes = []
-    for low_v in (bias_v, other_v):
-        state = MODEL.virgin()
-        turns = np.array([low_v, low_v + span_v, low_v])
-        MODEL.displacement(turns, state)
-        path = np.linspace(low_v, low_v + span_v, 20)
-        loop_um = MODEL.displacement(np.concatenate([path, path[::-1]]), state)
-        shapes.append(loop_um - loop_um[0])
-    assert np.abs(shapes[0] - shapes[1]).max() <= 1e-9
-
-
-@given(histories, st.floats(-150.0, 150.0), st.floats(0.0, 50.0))
-def test_more_voltage_never_means_less_displacement(u_v: Array, end_v: float, more_v: float) -> None:
-    lower = MODEL.displacement(np.append(u_v, end_v))[-1]
-    higher = MODEL.displacement(np.append(u_v, end_v + more_v))[-1]
-    assert higher - lower >= 1.5 * more_v - 1e-9
 
 
 def test_a_conditioned_model_comes_back_to_where_it_started() -> None:
@@ -122,11 +86,11 @@ def test_a_model_softer_than_the_transducer_is_refused_with_both_stiffnesses() -
 @pytest.mark.parametrize(
     ("thresholds_v", "weights"),
     [
-        ([0.0, 1.0], [1.0]),
-        ([1.0, 2.0], [1.0, 1.0]),
-        ([0.0, 2.0, 2.0], [1.0, 1.0, 1.0]),
-        ([0.0, 1.0], [0.0, 1.0]),
-        ([0.0, 1.0], [1.0, -0.1]),
+        ([0, 1], [1]),
+        ([1, 2], [1, 1]),
+        ([0, 2, 2], [1, 1, 1]),
+        ([0, 1], [0, 1]),
+        ([0, 1], [1, -0.1]),
         ([], []),
     ],
 )
@@ -197,13 +161,18 @@ def test_half_the_step_leaves_a_quarter_of_the_error() -> None:
     assert errors_um[2] < 0.3 * errors_um[1]
 
 
-@given(st.lists(st.floats(0.0, 150.0), min_size=1, max_size=12), st.sampled_from([0.01, 0.1, 1.0]))
+turning_points = st.lists(st.floats(0.0, 150.0), min_size=1, max_size=12)
+
+
+@given(turning_points, st.sampled_from([0.01, 0.1, 1.0]))
 def test_coarse_steps_come_to_rest_where_the_maxwell_form_is(turns: list[float], step_s: float) -> None:
-    y_um = ELECTRIC.simulate(np.repeat(slow_path(turns), 2), step_s).y_um
+    ends = zip([0.0, *turns], turns, strict=False)
+    slow_v = np.concatenate([np.linspace(first, last, 10) for first, last in ends])
+    y_um = ELECTRIC.simulate(np.repeat(slow_v, 2), step_s).y_um
     assert y_um[-1] == pytest.approx(MAXWELL.displacement(np.array(turns))[-1], abs=0.02)
 
 
-@given(st.lists(st.floats(0.0, 150.0), min_size=1, max_size=12), st.sampled_from([1e-6, 1e-5, 1e-4]))
+@given(turning_points, st.sampled_from([1e-6, 1e-5, 1e-4]))
 def test_fine_steps_come_to_rest_too(turns: list[float], step_s: float) -> None:
     held = np.full(round(0.01 / step_s), turns[-1])
     y_um = ELECTRIC.simulate(np.concatenate([turns, held]), step_s).y_um
@@ -250,12 +219,6 @@ def test_one_run_is_the_same_in_parts() -> None:
     assert np.array_equal(np.concatenate(parts), whole)
 
 
-def slow_path(turns: list[float]) -> Array:
-    """Straight lines from 0 V through turning points, ten samples each."""
-    ends = zip([0.0, *turns], turns, strict=False)
-    return np.concatenate([np.linspace(first, last, 10) for first, last in ends])
-
-
 STACK_UM = 12.0 * (1.0 - np.cos(np.linspace(0.0, 4.0 * np.pi, 2000)))
 
 
@@ -265,6 +228,12 @@ def test_an_exact_lever_is_found_exactly(factor: float, offset_um: float) -> Non
     assert lever.factor == pytest.approx(factor, rel=1e-9)
     assert lever.offset_um == pytest.approx(offset_um, abs=1e-6)
     assert lever.sd < 1e-9
+
+
+def noise_um(rng: np.random.Generator, memory: float) -> Array:
+    white = rng.normal(0.0, 0.3, len(STACK_UM))
+    white[0] /= np.sqrt(1.0 - memory**2)
+    return np.array(list(accumulate(white.tolist(), lambda last, value: memory * last + value)))
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9], ids=["white", "correlated"])
@@ -302,13 +271,3 @@ def test_data_that_are_no_lever_are_named(x_um: Array, z_um: Array, code: str, w
         lever_factor(x_um, z_um)
     assert refusal.value.code == code
     assert refusal.value.hint
-
-
-def noise_um(rng: np.random.Generator, memory: float) -> Array:
-    white = rng.normal(0.0, 0.3, len(STACK_UM))
-    noise = np.empty_like(white)
-    last = white[0] / np.sqrt(1.0 - memory**2)
-    for k, value in enumerate(white.tolist()):
-        last = memory * last + value
-        noise[k] = last
-    return noise
