@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from edmctl.array_types import Array, Flags
 
 HELD_SHARE = 0.02  # a voltage that stays within this share of the span is held
-TURN_SHARE = 0.3  # a swing of less than this share of the span says nothing about the rate of a record
+TURN_SHARE = 0.3  # a swing of less than this share of the span does not show the rate of a record
 RATES_APART = 2.0
 MOST = 1e30
 

@@ -69,7 +69,7 @@ class Screening:
 
 
 def settled(records: Sequence[Record]) -> Screening:
-    """All samples from the first on that is not at the mercy of what nobody recorded."""
+    """All samples from the first that does not depend on the voltage before the record."""
     used = []
     for record in records:
         counts = np.ones(len(record.t_s), dtype=np.bool_)

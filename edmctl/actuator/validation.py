@@ -104,7 +104,7 @@ def validate(model: ActuatorModel, record: Record, refit: Collection[Refit] = ZE
     refit : what is fitted to the record by least squares first: the zero, because it is lost when a sensor or a
         tool is touched; the gain too where the record is of another day (temperature).
 
-    Where nobody says what the actuator was held at before, and the record soon visits both its ends, it is
+    Where the voltage before the record is not stated, and the record soon visits both its ends, it is
     judged from then on: before, its hysteresis is unknown. Raises ValueError for a record without two samples, with
     numbers that are not finite, or without a displacement that changes.
     """

@@ -1,4 +1,4 @@
-"""What materials and pulses let expect of removal, wear, gaps and roughness, where a profile does not state it."""
+"""Expected removal, wear, gaps and roughness by materials and pulses, where a profile does not state them."""
 
 from __future__ import annotations
 
@@ -240,7 +240,7 @@ def in_pulses(profile: Profile, regime: Regime) -> Profile:
 
 
 def in_regime(profile: Profile, regime: Regime) -> Profile:
-    """The profile with the pulses and the reference of a regime, and what they let expect."""
+    """The profile with the pulses and the reference of a regime, and the values expected with them."""
     other = in_pulses(profile, regime)
     if regime.reference is not None:
         other = other.having("servo", reference=regime.reference)

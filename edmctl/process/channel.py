@@ -91,7 +91,7 @@ class ToolWear:
         return math.hypot(self.touch_u_um, self.u_rel * self.per_uj * since_uj)
 
     def restart(self, wear_um: float) -> None:
-        """Start from a measured wear that says nothing of the wear per energy."""
+        """Start from a measured wear without the wear per energy."""
         self.measured_um = wear_um
 
     def learn(self, since_uj: float, wear_um: float, drift_u_um: float) -> None:

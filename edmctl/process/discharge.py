@@ -15,7 +15,7 @@ import math
 
 USUAL_VOLTAGE_V = 40.0  # open voltage that the figures below hold for
 FIRST_GAP_U_UM = 0.8
-"""Standard uncertainty of a working gap that nobody has measured, at that voltage or below [assumed]."""
+"""Standard uncertainty of a working gap that was not measured, at that voltage or below [assumed]."""
 FIRST_SPARKS_UM = 1.2
 """First sparks come this much before the working gap, because they are judged by the first discharges."""
 FIRST_SPARKS_U_UM = 1.5  # standard uncertainty of that, at that voltage or below [assumed]

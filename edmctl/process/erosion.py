@@ -1,6 +1,6 @@
 """What one discharge removes of workpiece and tool, the condition of the gap, and how materials erode.
 
-The laws take their shapes from what is known and their numbers mostly from nobody: those marked [assumed] are
+The laws take their shapes from what is known and their numbers mostly from no source: those marked [assumed] are
 chosen so that the holes of Muralidhara et al. 2009 come out and the trends do. Sources:
 
 * removal has an optimum of the on-time, long pulses spare a positive tool, which carbon from the oil covers: POCO,

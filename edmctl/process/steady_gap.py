@@ -184,7 +184,7 @@ def _pulses(recipe: GapRecipe, level_s: float) -> _Pulses:
     soon = list(map(mul, weights, fades))
     every = _mean(kinds, weights)
     volumes = list(map(mul, weights, kinds[2]))
-    # An arc's plateau is lower, its current higher; the energy is told as if all burned at the usual plateau.
+    # An arc's plateau is lower, its current higher; the energy is calculated as if all burned at the usual plateau.
     current = (recipe.open_voltage_v - ARC_V) / (recipe.open_voltage_v - recipe.discharge_voltage_v)
     volume = current * (ARC_V / recipe.discharge_voltage_v) ** 2
     return _Pulses(

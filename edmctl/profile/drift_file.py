@@ -1,4 +1,4 @@
-"""The drift file: what `edmctl measure-drift` has told of a machine, hashed and checked like a calibration file."""
+"""The drift file: what `edmctl measure-drift` has measured, hashed and checked like a calibration file."""
 
 import math
 from datetime import UTC, datetime
@@ -51,7 +51,7 @@ class Measured(Table):
 
 
 class Used(Table):
-    """What jobs go by."""
+    """The values that correct jobs."""
 
     share: float = entry(..., "of the drift of the rests that a touch sees", ge=0.0, le=1.0)
     share_u: float = entry(..., "standard uncertainty of that", ge=0.0, le=MOST_SHARE_U)
@@ -82,7 +82,7 @@ class DriftFile(HashedTable):
             return math.nan
 
     def model(self) -> DriftModel:
-        """Return what jobs go by. Raises ValueError where its arrays cannot be."""
+        """Return the model that corrects jobs. Raises ValueError where its arrays cannot be."""
         used, n = self.used, len(TIME_CONSTANTS_S)
         if tuple(used.time_constants_s) != TIME_CONSTANTS_S:
             wanted = ", ".join(f"{tau:g}" for tau in TIME_CONSTANTS_S)

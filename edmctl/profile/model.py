@@ -289,7 +289,7 @@ class Adaptive(Table):
     """How the supervisor answers arcs and shorts where `jump.mode` is "adaptive".
 
     The jump period comes first, then the servo reference, then the off-time. With `seek_reference` the reference
-    begins where pulses and materials let expect the most removal, whatever `[servo]` says, and follows the arcs.
+    begins where the most removal is expected by pulses and materials, whatever `[servo]` says, and follows the arcs.
     """
 
     arc_high: float = entry(0.05, "share of arcs that halves the jump period", gt=0.0, le=1.0)

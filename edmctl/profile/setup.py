@@ -62,7 +62,7 @@ class Sensor(Table):
 
 
 class Drift(Table):
-    """What `edmctl measure-drift` does, and whether jobs go by what it has told."""
+    """What `edmctl measure-drift` does, and whether jobs are corrected by its file."""
 
     use: bool = entry(True, "false: jobs correct nothing, whatever was measured")
     file: FileName | None = entry(

@@ -144,7 +144,7 @@ def stroke(job: Job) -> Iterator[Finding]:
 def through_stroke(job: Job) -> Iterator[Finding]:
     """Rule 10: a through hole has stroke for the sheet, the wear and the worn tip.
 
-    Where the target is a depth or a feed nobody waits for the breakthrough, and rule 2 sees to the stroke.
+    Where the target is a depth or a feed the job does not wait for the breakthrough, and rule 2 sees to the stroke.
     """
     profile, available_um = job.profile, stroke_available_um(job.profile, job.setup)
     if profile.target.kind != "through" or profile.work.kind != "through":

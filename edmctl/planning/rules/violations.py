@@ -161,7 +161,7 @@ def violations(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -
     once = _findings(reference_stated_once, Job(profile, setup))
     shaped = _findings(sites.path_keys, Job(profile, setup))
     if idle := _findings(pulse.does_nothing, Job(profile, setup)):
-        return [*once, *shaped, *idle]  # what such pulses let expect is nothing that a rule could look at
+        return [*once, *shaped, *idle]  # no rule can be checked without removal
     share = ("servo", "reference")
     known = without(profile, share) if once else _completed(profile, _with_share, share)
     doubted = _findings(lambda job: pulse.stated_agrees(job.profile), Job(known, setup))
