@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import accumulate
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.planning.channel import Channel
@@ -89,63 +90,89 @@ def working_order(profile: Profile, setup: Setup, places: Sequence[Place]) -> li
     return ordered
 
 
+@dataclass(frozen=True, slots=True)
+class _Visit:
+    """A hole of a job: its place, what an earlier run has made of it, the cuts that remain.
+
+    worn_um : wear of the tool by the holes before
+    """
+
+    stand: Place
+    hole: Hole
+    done: Hole
+    worn_um: float
+    cuts: list[Cut]
+
+
 def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place], reached: Reached) -> Course:
     ordered = working_order(profile, setup, places)
     stands = ordered or [Place(reached.site, *beside_pad_um(profile, setup))]
-    reached_um = [reached.depth_um if place.name == reached.site else 0.0 for place in stands]
-    holes = [hole(profile, place.depth_um) for place in stands]
-    pad = here = pad_of(setup)
     plane = len(ordered) >= PLANE_TOUCHES and profile.array.surface == "plane"
-    away_um = [math.hypot(stand.x_um - pad.x_um, stand.y_um - pad.y_um) for stand in stands]
-    cuts = planned_cuts(profile, setup, holes, away_um, plane=plane)
-    if profile.regimes:  # as for a new hole, nothing is known of the pulses of each
-        of_regimes = [
-            planned_cuts(one.profile, setup, [Hole(one.depth_um, one.wear_um)], away_um, plane=False)[0]
-            for one in recipes_of(profile)
-        ]
-        cuts = [[cut for whole in of_regimes for cut in whole]]
-    measuring_s = touch_time_s(profile, setup) + (_plane_time_s(profile, setup, stands) if plane else 0.0)
-    worn_um, reaches_um, known_stands = 0.0, [], [pad]
-    has_bottom = profile.target.kind != "through"
-    times_s, tool_wear_um, cuts_left = list[float](), 0.0, list[Cut]()
-    for one, stand, whole, done_um in zip(holes, stands, cuts, reached_um, strict=True):
-        done = replace(one, depth_um=done_um, wear_um=one.wear_um * done_um / one.depth_um, completion_um=0.0)
-        times_s.append(hole_time_s(profile, one, done_um))
-        tool_wear_um += one.wear_um - done.wear_um
-        planned = _after(whole, done.feed_um)
-        cuts_left += planned
-        bottom_um = profile.approach.offset_um + worn_um + done.feed_um
-        if done_um > 0.0:  # pad and bottom are touched again
-            pad_s = between_s(stand, pad, setup)
-            measuring_s += stop_time_s(profile, done.feed_um, worn_um, pad_s, bottom=has_bottom)
-        elif not plane and has_bottom and is_tilt_limited(setup, stand, known_stands):
-            measuring_s += between_s(here, stand, setup) + face_time_s(profile, bottom_um)
-            known_stands.append(stand)
-            here = stand
-        for cut in planned:
-            measuring_s += between_s(here, stand, setup) + descent_time_s(profile, bottom_um)
-            bottom_um, here = bottom_um + cut.feed_um, stand
-            if cut.measured:
-                pad_s, wear_um = between_s(stand, pad, setup), worn_um + one.wear_um
-                measuring_s += stop_time_s(
-                    profile, cut.feed_um, wear_um, pad_s, bottom=has_bottom, rim_um=one.completion_um
-                )
-                here = pad
-        reaches_um.append(worn_um + one.feed_um)
-        worn_um += one.wear_um
+    holes = [hole(profile, place.depth_um) for place in stands]
+    cuts = _planned(profile, setup, holes, stands, plane=plane)
+    done_um = [reached.depth_um if place.name == reached.site else 0.0 for place in stands]
+    done = [
+        replace(one, depth_um=um, wear_um=one.wear_um * um / one.depth_um, completion_um=0.0)
+        for one, um in zip(holes, done_um, strict=True)
+    ]
+    worn_um = list(accumulate((one.wear_um for one in holes), initial=0.0))[:-1]
+    left = [_after(whole, before.feed_um) for whole, before in zip(cuts, done, strict=True)]
+    visits = list(map(_Visit, stands, holes, done, worn_um, left))
+    reaches_um = tuple(one.worn_um + one.hole.feed_um for one in visits)
     return Course(
-        machining_s=math.fsum(times_s),
-        measuring_s=measuring_s,
-        cuts=len(cuts_left),
-        stops=sum(cut.measured for cut in cuts_left),
+        machining_s=math.fsum(hole_time_s(profile, one.hole, one.done.depth_um) for one in visits),
+        measuring_s=_measuring_s(profile, setup, visits, plane=plane),
+        cuts=sum(map(len, left)),
+        stops=sum(cut.measured for planned in left for cut in planned),
         holes=len(holes),
         deepest=max(holes, key=lambda one: one.depth_um),
         lowest_um=max(reaches_um),
-        tool_wear_um=tool_wear_um,
+        tool_wear_um=list(accumulate(one.hole.wear_um - one.done.wear_um for one in visits))[-1],
         depth_min_um=min(one.depth_um for one in holes),
-        reaches_um=tuple(reaches_um),
+        reaches_um=reaches_um,
         depth_u95_um=max(planned[-1].depth_u95_um for planned in cuts),
     )
+
+
+def _planned(
+    profile: Profile, setup: Setup, holes: Sequence[Hole], stands: Sequence[Place], *, plane: bool
+) -> list[list[Cut]]:
+    """Return the cuts of every hole; those of the next regime begin as a new hole: its pulses are not known."""
+    pad = pad_of(setup)
+    away_um = [math.hypot(stand.x_um - pad.x_um, stand.y_um - pad.y_um) for stand in stands]
+    if not profile.regimes:
+        return planned_cuts(profile, setup, holes, away_um, plane=plane)
+    of_regimes = [
+        planned_cuts(one.profile, setup, [Hole(one.depth_um, one.wear_um)], away_um, plane=False)[0]
+        for one in recipes_of(profile)
+    ]
+    return [[cut for whole in of_regimes for cut in whole]]
+
+
+def _measuring_s(profile: Profile, setup: Setup, visits: Sequence[_Visit], *, plane: bool) -> float:
+    """Return the time of touches, approaches and stage moves of all holes, s."""
+    stands = [one.stand for one in visits]
+    total_s = touch_time_s(profile, setup) + (_plane_time_s(profile, setup, stands) if plane else 0.0)
+    has_bottom = profile.target.kind != "through"
+    pad = here = pad_of(setup)
+    known = [pad]
+    for one in visits:
+        stand, bottom_um = one.stand, profile.approach.offset_um + one.worn_um + one.done.feed_um
+        pad_s = between_s(stand, pad, setup)
+        if one.done.depth_um > 0.0:  # pad and bottom are touched again
+            total_s += stop_time_s(profile, one.done.feed_um, one.worn_um, pad_s, bottom=has_bottom)
+        elif not plane and has_bottom and is_tilt_limited(setup, stand, known):
+            total_s += between_s(here, stand, setup) + face_time_s(profile, bottom_um)
+            known.append(stand)
+            here = stand
+        for cut in one.cuts:
+            total_s += between_s(here, stand, setup) + descent_time_s(profile, bottom_um)
+            bottom_um, here = bottom_um + cut.feed_um, stand
+            if cut.measured:
+                wear_um, rim_um = one.worn_um + one.hole.wear_um, one.hole.completion_um
+                total_s += stop_time_s(profile, cut.feed_um, wear_um, pad_s, bottom=has_bottom, rim_um=rim_um)
+                here = pad
+    return total_s
 
 
 def is_tilt_limited(setup: Setup, stand: Place, known: Sequence[Place]) -> bool:
