@@ -26,7 +26,7 @@ from edmctl.record.layout import Column, Table
 from edmctl.record.locks import is_live
 from edmctl.record.opening import is_whole, open_file, plain, read_value, refuse_endless
 from edmctl.record.recovery import CLOSING
-from edmctl.record.rows import TruthMap
+from edmctl.record.rows import RunEvent, TruthMap
 
 TABLES = {table.path: table for table in layout.TABLES}
 _WORD = h5py.string_dtype("utf-8", 16)
@@ -346,24 +346,13 @@ class RecordedState(IntEnum):
     ESTOP = 9
 
 
-class RecordedCode(IntEnum):
-    """Codes of events: below 100 those of the controller, else those of procedures, which have more."""
-
-    JUMP_DONE = 5
-    TOUCH = 6
-    FACE_FITTED = 112
-    CUT_PLANNED = 120
-    SITE_MEASURED = 130
-    LEFT_UNMEASURED = 133
-    SITE_ESTIMATED = 134
-    ENDED_EARLY = 160
-    JUMP_PERIOD = 161
-    CHANNEL_MEASURED = 171
+JUMP_DONE, TOUCH = 5, 6
+"""Codes of events of the controller; those of procedures are `RunEvent`."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedEvent:
-    """One event: its time, code (a RecordedCode or another), level, sentence, and values."""
+    """One event: its time, code, level, sentence, and values."""
 
     time_s: float
     code: int
@@ -377,9 +366,8 @@ class RecordedEvent:
         return float(value) if isinstance(value, int | float) else math.nan
 
 
-def recorded_events(run: RunFile, *wanted: RecordedCode, start: int = 0) -> list[RecordedEvent]:
+def recorded_events(run: RunFile, *wanted: int, start: int = 0) -> list[RecordedEvent]:
     """Return the events of the `wanted` codes, all where none is given, from row `start` on."""
-    codes = {int(code) for code in wanted}
     return [
         RecordedEvent(
             float(row["time"]),
@@ -389,13 +377,13 @@ def recorded_events(run: RunFile, *wanted: RecordedCode, start: int = 0) -> list
             _values(row["args"]),
         )
         for row in run.table(layout.EVENTS.path, start)
-        if not codes or int(row["code"]) in codes
+        if not wanted or int(row["code"]) in wanted
     ]
 
 
 def error_code_of(run: RunFile) -> str:
     """Return the code of the error that ended a run early; empty where none did, or the file has none."""
-    ends = recorded_events(run, RecordedCode.ENDED_EARLY)
+    ends = recorded_events(run, RunEvent.ENDED_EARLY)
     return str(ends[-1].values.get("code", "")) if ends else ""
 
 

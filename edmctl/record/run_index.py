@@ -20,7 +20,8 @@ from edmctl.record.disk import PARTIAL
 from edmctl.record.json_rows import record_of
 from edmctl.record.layout import RESULTS, SLOW, TOUCHES
 from edmctl.record.locks import is_live
-from edmctl.record.reader import RecordedCode, RunFile, error_code_of, reading, recorded_events
+from edmctl.record.reader import RunFile, error_code_of, reading, recorded_events
+from edmctl.record.rows import RunEvent
 from edmctl.results.declared import ONLY_JSON, quantities
 from edmctl.results.job import SiteResult, SiteTruth
 from edmctl.results.run_file import RecordedSite, RunHead, Sites, Unreadable
@@ -86,10 +87,10 @@ def has_sensor(run: RunFile) -> bool:
 _LAST_ROWS = 100
 """Among so many last rows of the supervisor an estimate is looked for: the very last may have none."""
 _SETTLES = (
-    RecordedCode.SITE_MEASURED,
-    RecordedCode.SITE_ESTIMATED,
-    RecordedCode.CHANNEL_MEASURED,
-    RecordedCode.LEFT_UNMEASURED,
+    RunEvent.SITE_MEASURED,
+    RunEvent.SITE_ESTIMATED,
+    RunEvent.CHANNEL_MEASURED,
+    RunEvent.LEFT_UNMEASURED,
 )
 
 
@@ -124,9 +125,7 @@ def estimated_depth(run: RunFile) -> Estimated:
 
 def left_site(run: RunFile) -> str:
     """Name of the hole that was under way when the job ended, where it has a row of results; else empty."""
-    named = [
-        str(event.values.get("site", "")) for event in recorded_events(run, RecordedCode.LEFT_UNMEASURED)
-    ]
+    named = [str(event.values.get("site", "")) for event in recorded_events(run, RunEvent.LEFT_UNMEASURED)]
     return named[-1] if named else ""
 
 
@@ -139,7 +138,7 @@ def _settled_s(run: RunFile) -> float:
         (
             event.time_s
             for event in recorded_events(run, *_SETTLES)
-            if event.code != RecordedCode.LEFT_UNMEASURED or math.isfinite(event.number("depth_u95_um"))
+            if event.code != RunEvent.LEFT_UNMEASURED or math.isfinite(event.number("depth_u95_um"))
         ),
         default=math.inf,
     )

@@ -16,7 +16,8 @@ from edmctl.array_types import Array, Flags
 from edmctl.dataclasses import dataclass, replace
 from edmctl.labels import Basis
 from edmctl.record import layout
-from edmctl.record.reader import RecordedCode, RunFile, recorded_events
+from edmctl.record.reader import RunFile, recorded_events
+from edmctl.record.rows import RunEvent
 from edmctl.record.run_index import sites_of
 from edmctl.report.signals import ROW_S, floats, intervals
 from edmctl.results.run_file import RecordedSite
@@ -25,12 +26,12 @@ from edmctl.wording import plain_number
 Values = Mapping[str, float | int | str | bool]
 
 _DEPTH_EVENTS = (
-    RecordedCode.SITE_MEASURED,
-    RecordedCode.SITE_ESTIMATED,
-    RecordedCode.CHANNEL_MEASURED,
-    RecordedCode.LEFT_UNMEASURED,
+    RunEvent.SITE_MEASURED,
+    RunEvent.SITE_ESTIMATED,
+    RunEvent.CHANNEL_MEASURED,
+    RunEvent.LEFT_UNMEASURED,
 )
-_ESTIMATES = (RecordedCode.SITE_ESTIMATED, RecordedCode.LEFT_UNMEASURED)
+_ESTIMATES = (RunEvent.SITE_ESTIMATED, RunEvent.LEFT_UNMEASURED)
 SAME_HOLE_SHARE = 0.5
 """A cut that begins at less of the depth that the cut before ended with, begins another hole."""
 CHORD_UM = 5.0
@@ -66,7 +67,7 @@ def known_depths(run: RunFile, began_s: Array) -> list[KnownDepth]:
             *(event.number(name) for name in ("depth_um", "depth_u95_um", "wear_um", "wear_u95_um")),
         )
         for event in recorded_events(run, *_DEPTH_EVENTS)
-        if event.code != RecordedCode.LEFT_UNMEASURED or math.isfinite(event.number("depth_u95_um"))
+        if event.code != RunEvent.LEFT_UNMEASURED or math.isfinite(event.number("depth_u95_um"))
     ]
     sites = sites_of(run)
     if not known:

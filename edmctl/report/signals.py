@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from edmctl.array_types import Array, Integers
 from edmctl.dataclasses import dataclass
 from edmctl.record import layout
-from edmctl.record.reader import RecordedCode, RecordedState, RunFile, recorded_events
+from edmctl.record.reader import RecordedState, RunFile, recorded_events
+from edmctl.record.rows import RunEvent
 
 Floats = NDArray[np.floating]
 Columns = Mapping[str, NDArray[np.generic]]
@@ -157,7 +158,7 @@ def cuts_s(run: RunFile) -> Array:
     It begins with the cut, or where that was not recorded with what the first row covers.
     """
     time_s = run.column(layout.SLOW.path, "time").astype(np.float64)
-    planned_s = np.array([event.time_s for event in recorded_events(run, RecordedCode.CUT_PLANNED)])
+    planned_s = np.array([event.time_s for event in recorded_events(run, RunEvent.CUT_PLANNED)])
     ends: list[tuple[float, float]] = []
     for part in intervals(time_s):
         first_s = time_s[part][0]

@@ -14,7 +14,7 @@ from edmctl.errors import RunFileError
 from edmctl.labels import Basis, Verdict
 from edmctl.machine.interface import EventCode, MachineState
 from edmctl.record.layout import RESULTS
-from edmctl.record.reader import RecordedCode, RecordedState, open_run, reading, recorded_events
+from edmctl.record.reader import JUMP_DONE, TOUCH, RecordedState, open_run, reading, recorded_events
 from edmctl.record.rows import EventLevel, EventRow, RunEvent, SlowRow
 from edmctl.record.run_index import estimated_depth, read_head, sites_of
 from edmctl.results.declared import quantities, stored_columns
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 
 def test_every_code_and_state_is_that_of_its_writer() -> None:
-    written = {code.name: int(code) for code in (*EventCode, *RunEvent)}
-    assert {code.name: int(code) for code in RecordedCode}.items() <= written.items()
+    assert (JUMP_DONE, TOUCH) == (EventCode.JUMP_DONE, EventCode.TOUCH)
+    assert len({int(code) for code in (*EventCode, *RunEvent)}) == len(EventCode) + len(RunEvent)
     assert [(state.name, int(state)) for state in RecordedState] == [
         (state.name, int(state)) for state in MachineState
     ]
@@ -85,9 +85,9 @@ class Held:
     def table(self, path: str, start: int = 0) -> np.ndarray:
         assert path == "/entry/events"
         events = [
-            (1.0, int(RecordedCode.JUMP_DONE), 0, b"Jumped.", b'{"height_um": 60.5, "asked": true}'),
+            (1.0, int(JUMP_DONE), 0, b"Jumped.", b'{"height_um": 60.5, "asked": true}'),
             (2.0, 32000, 2, "Half a \u00b5".encode()[:-1], b'{"code": "E6'),
-            (3.0, int(RecordedCode.SITE_MEASURED), 1, b"Measured.", b""),
+            (3.0, int(RunEvent.SITE_MEASURED), 1, b"Measured.", b""),
         ]
         kinds = [("time", "f8"), ("code", "i4"), ("level", "i4"), ("message", "S40"), ("args", "S60")]
         return np.array(events, kinds)[start:]
@@ -96,11 +96,11 @@ class Held:
 def test_an_event_whose_texts_were_damaged_still_happened() -> None:
     run: RunFile = Held()  # type: ignore[assignment]
     jumped, damaged, measured = recorded_events(run)
-    assert (jumped.code, jumped.message) == (RecordedCode.JUMP_DONE, "Jumped.")
+    assert (jumped.code, jumped.message) == (JUMP_DONE, "Jumped.")
     assert (jumped.number("height_um"), jumped.number("asked")) == (60.5, 1.0)
     assert (damaged.code, damaged.level, damaged.message, damaged.values) == (32000, 2, "Half a ", {})
     assert math.isnan(measured.number("depth_um"))
-    wanted = recorded_events(run, RecordedCode.SITE_MEASURED, RecordedCode.JUMP_DONE)
+    wanted = recorded_events(run, RunEvent.SITE_MEASURED, JUMP_DONE)
     assert [event.time_s for event in wanted] == [1.0, 3.0]
     assert [event.time_s for event in recorded_events(run, start=1)] == [2.0, 3.0]
 
@@ -122,7 +122,7 @@ def machined(from_s: float, to_depth_um: float) -> list[Row]:
     ]
 
 
-MEASURED = [EventRow(30.0, RecordedCode.SITE_MEASURED, EventLevel.INFO, "", {"depth_um": 20.0}), a_site_row()]
+MEASURED = [EventRow(30.0, RunEvent.SITE_MEASURED, EventLevel.INFO, "", {"depth_um": 20.0}), a_site_row()]
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from edmctl.record.reader import RecordedCode
-from edmctl.record.rows import EventLevel, EventRow, ServoBlock, SlowRow, TouchRow, profile_leaves
+from edmctl.record.rows import EventLevel, EventRow, RunEvent, ServoBlock, SlowRow, TouchRow, profile_leaves
 from edmctl.record.writer import RunWriter
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
 from tests.record.samples import a_meta, a_site_row
@@ -61,7 +60,7 @@ def cut(writer: RunWriter, start_s: float, from_um: float = 0.0, to_um: float = 
 
 
 def measured(
-    writer: RunWriter, time_s: float, depth_um: float, told: RecordedCode = RecordedCode.SITE_MEASURED
+    writer: RunWriter, time_s: float, depth_um: float, told: RunEvent = RunEvent.SITE_MEASURED
 ) -> None:
     """Tell a depth, with 0.4 µm as half its 95 % interval."""
     values = {"depth_um": depth_um, "wear_um": 0.1 * depth_um, "depth_u95_um": 0.4, "wear_u95_um": 0.1}

@@ -14,8 +14,8 @@ pytest.importorskip("matplotlib")
 
 from edmctl.labels import Basis
 from edmctl.process import channel as ways
-from edmctl.record.reader import RecordedCode, open_run
-from edmctl.record.rows import SlowRow, Summary, TouchRow, TruthMap
+from edmctl.record.reader import open_run
+from edmctl.record.rows import RunEvent, SlowRow, Summary, TouchRow, TruthMap
 from edmctl.report.figures.channel import Channel, channel_figure
 from edmctl.report.figures.holes import scale_of, sections_of, short_names
 from edmctl.report.removal import along, hole_starts_s, known_depths, lengths_um, planned_path, removal
@@ -64,7 +64,7 @@ def test_measured_points_stand_at_their_depth_with_their_bars(tmp_path: Path) ->
 
 def test_a_hole_that_was_not_touched_stands_at_the_depth_of_its_result(tmp_path: Path) -> None:
     writer = made_up.new_run(tmp_path)
-    codes = (RecordedCode.SITE_ESTIMATED, RecordedCode.SITE_MEASURED)
+    codes = (RunEvent.SITE_ESTIMATED, RunEvent.SITE_MEASURED)
     for k, (depth_um, told) in enumerate(zip((20.0, 19.0), codes, strict=True)):
         made_up.cut(writer, 100.0 * k)
         made_up.measured(writer, 100.0 * k + 30.0, depth_um, told)
@@ -83,7 +83,7 @@ def test_a_hole_that_was_not_touched_stands_at_the_depth_of_its_result(tmp_path:
 def test_the_band_of_a_depth_is_named_after_it_and_nothing_is_corrected_by_no_touch(tmp_path: Path) -> None:
     writer = made_up.new_run(tmp_path)
     made_up.cut(writer, 0.0)
-    made_up.measured(writer, 30.0, 20.0, RecordedCode.SITE_ESTIMATED)
+    made_up.measured(writer, 30.0, 20.0, RunEvent.SITE_ESTIMATED)
     _, labels = panels("erosion", writer.finish("done", 0))[0].get_legend_handles_labels()
     assert labels[:2] == ["estimated depth", "95 % band of depth"]
     assert "depth without a touch" in labels

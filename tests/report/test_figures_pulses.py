@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from edmctl.record.reader import RecordedCode, RecordedState, open_run
-from edmctl.record.rows import EventLevel, EventRow
+from edmctl.record.reader import JUMP_DONE, RecordedState, open_run
+from edmctl.record.rows import EventLevel, EventRow, RunEvent
 from edmctl.report.figures.pulses import since_the_last
 from edmctl.report.pulse_statistics import delays, pulse_counts, random_ignition, rows_at, spark_energies
 from edmctl.report.removal import cumulated, in_this_run, kappa, removal
@@ -166,7 +166,7 @@ def test_kappa_is_the_volume_of_touched_holes_over_their_energy(tmp_path: Path) 
     made_up.cut(writer, 40.0, 15.0, 20.0)
     made_up.measured(writer, 65.0, 20.0)
     made_up.cut(writer, 80.0, 0.0, 22.0)
-    made_up.measured(writer, 101.0, 22.0, RecordedCode.SITE_ESTIMATED)
+    made_up.measured(writer, 101.0, 22.0, RunEvent.SITE_ESTIMATED)
     with open_run(writer.finish("done", 0)) as run:
         found = removal(run)
     section_um2 = np.pi / 4.0 * 110.0**2
@@ -226,7 +226,7 @@ def test_every_jump_is_counted_and_its_period_shown(run_file: Path, tmp_path: Pa
 
 
 def a_jump(time_s: float) -> EventRow:
-    return EventRow(time_s, RecordedCode.JUMP_DONE, EventLevel.DEBUG, "JUMP_DONE", {})
+    return EventRow(time_s, JUMP_DONE, EventLevel.DEBUG, "JUMP_DONE", {})
 
 
 @pytest.mark.parametrize(("after_s", "scale"), [(5.0, "linear"), (0.2, "log")])

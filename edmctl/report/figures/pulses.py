@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from edmctl.array_types import Array
 from edmctl.record import layout
-from edmctl.record.reader import RecordedCode, RecordedState, RunFile, recorded_events
+from edmctl.record.reader import JUMP_DONE, RecordedState, RunFile, recorded_events
 from edmctl.report import panels, style
 from edmctl.report.panels import Block, note_above, shared_legend
 from edmctl.report.pulse_statistics import (
@@ -285,7 +285,7 @@ def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array, exp
 
 def draw_jumps(run: RunFile) -> Figure:
     """Draw the shares of arcs and shorts with a mark for each electrode jump, and the time from jump to jump."""
-    at_s = np.array([event.time_s for event in recorded_events(run, RecordedCode.JUMP_DONE)])
+    at_s = np.array([event.time_s for event in recorded_events(run, JUMP_DONE)])
     if not len(at_s):
         mode = run.profile_values().get("jump.mode", "")
         why = 'its profile says jump.mode = "off"' if mode == "off" else "it ended before the first was due"

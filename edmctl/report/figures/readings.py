@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.labels import Basis
-from edmctl.record.reader import RecordedCode, RecordedState, RunFile
+from edmctl.record.reader import TOUCH, RecordedState, RunFile
 from edmctl.record.run_index import has_sensor, sites_of
 from edmctl.report import panels
 from edmctl.report.panels import Block
@@ -188,7 +188,7 @@ def _write_changes(
 def _contacts(run: RunFile, last_s: float, after_s: float) -> tuple[float, float, list[float]]:
     """Return what to show, and the times of contact; the time of the reading is that of its last contact."""
     events = run.table("/entry/events")
-    times_s = events["time"][events["code"] == RecordedCode.TOUCH].astype(np.float64)
+    times_s = events["time"][events["code"] == TOUCH].astype(np.float64)
     earliest_s = _touching_since(run, last_s)
     contacts_s = times_s[(times_s >= earliest_s) & (times_s <= last_s + 1e-3)].tolist() or [last_s]
     end_s = last_s + after_s
