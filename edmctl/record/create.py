@@ -22,8 +22,8 @@ from edmctl.dataclasses import dataclass
 from edmctl.record import layout
 from edmctl.record.layout import Grid, Scalar, Table
 from edmctl.record.opening import image_of
-from edmctl.record.rows import RunMeta
-from edmctl.results.declared import PURE, TEXT
+from edmctl.record.rows import Leaf, RunMeta, unit_of
+from edmctl.results.declared import PURE
 
 RUNNING = "running"
 NO_EXIT_CODE = -1
@@ -54,7 +54,7 @@ class Content:
     """
 
     values: dict[str, Any]
-    profile: Mapping[str, float | int | str | bool]
+    profile: Mapping[str, Leaf]
     rows: Mapping[str, int] | None = None
 
 
@@ -76,11 +76,10 @@ def empty_run_file(meta: RunMeta) -> bytes:
         "/entry/software/h5py": h5py.version.version,
         "/entry/software/hdf5": h5py.version.hdf5_version,
     }
-    profile: dict[str, float | int | str | bool] = {}
-    for leaf in meta.profile_leaves:
-        profile[leaf.key] = leaf.value
-        if leaf.units not in (PURE, TEXT):
-            profile[f"{leaf.key}_units"] = leaf.units
+    profile = dict(meta.profile_leaves)
+    for key, value in meta.profile_leaves.items():
+        if not isinstance(value, bool | str) and (unit := unit_of(key)) != PURE:
+            profile[f"{key}_units"] = unit
     return image_of(lambda file: build_tree(file, Content(values, profile)), libver=LIBRARY_VERSIONS)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
@@ -274,13 +274,8 @@ UNIT_SUFFIXES = {
 """Endings of a key, longest first, and the unit they stand for."""
 
 
-@dataclass(frozen=True, slots=True)
-class Leaf:
-    """One value of a profile by its dotted key, with the unit that its key names."""
-
-    key: str
-    value: float | int | str | bool
-    units: str
+Leaf: TypeAlias = float | int | str | bool
+"""One value of a profile."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,7 +323,7 @@ class RunMeta:
     profile_text: str = scalar("profile/toml", "profile, verbatim")
     profile_path: str = scalar("profile/path", "where the profile was found", default="")
     profile_parents: Sequence[SourceText] = ()
-    profile_leaves: Sequence[Leaf] = ()
+    profile_leaves: Mapping[str, Leaf] = field(default_factory=dict)
     profile_sha256: str = scalar("profile/recipe_sha256", "SHA-256 of the recipe in effect")
     sim_sha256: str = scalar("profile/sim_sha256", "SHA-256 of `[sim]` in effect", default="")
     profile_overrides: Sequence[str] = scalar("profile/overrides", "overrides, one a line", default=())
@@ -346,24 +341,18 @@ class RunMeta:
     edmctl_version: str = scalar("software/version", "version of edmctl")
 
 
-def profile_leaves(profile: Mapping[str, object]) -> tuple[Leaf, ...]:
+def profile_leaves(profile: Mapping[str, object], prefix: str = "") -> dict[str, Leaf]:
     """Return every value of the nested `profile` by dotted key; lists become JSON, None is left out."""
-    return tuple(_leaves(profile, ""))
-
-
-def _leaves(table: Mapping[str, object], prefix: str) -> Iterator[Leaf]:
-    for name, value in table.items():
+    found: dict[str, Leaf] = {}
+    for name, value in profile.items():
         key = f"{prefix}{name}"
         if isinstance(value, Mapping):
-            yield from _leaves(value, f"{key}.")
-        elif isinstance(value, str):
-            yield Leaf(key, value, TEXT)
-        elif isinstance(value, bool):
-            yield Leaf(key, value, PURE)
-        elif isinstance(value, int | float):
-            yield Leaf(key, value, unit_of(name))
+            found |= profile_leaves(value, f"{key}.")
+        elif isinstance(value, float | int | str | bool):
+            found[key] = value
         elif value is not None:
-            yield Leaf(key, json.dumps(value, default=str), TEXT)
+            found[key] = json.dumps(value, default=str)
+    return found
 
 
 def unit_of(name: str) -> str:

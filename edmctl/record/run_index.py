@@ -195,14 +195,21 @@ def _looked_at(path: Path) -> RunHead | Unreadable:
 def _head(run: RunFile) -> RunHead:
     exit_code = int(run.number("/entry/exit_code"))
     results = run.fields(RESULTS.path, _RESULTS, ("site", *_WORDS))
-    touched = {} if len(results) else run.summary() or {}
     machining_time_s = float(np.sum(results["machining_time"])) if len(results) else math.nan
     if exit_code and len(results) > 1 and (left := left_site(run)):
         # A mean tells of holes that are finished, where there are some.
         finished = [row["site"] != left.encode()[:32] for row in results]
         results = results[finished]
-    blind = results[results["through"] == 0] if len(results) else results
     words = {name: [one.decode(errors="replace") for one in results[name]] for name in _WORDS}
+    found: dict[str, Any] = {name: weakest(words[name]) for name in ("depth_basis", "wear_basis")}
+    if len(results):
+        blind = results[results["through"] == 0]
+        found |= {f"{name}_um": _mean(blind[name]) for name in ("depth", "depth_u95")}
+        found |= {f"{name}_um": _mean(results[name]) for name in ("wear", "wear_u95")}
+    else:
+        touched = run.summary() or {}
+        found = {name: str(touched.get(name) or "") for name in found}
+        found |= {f"{name}_um": plain_number(touched.get(f"{name}_um")) for name in _RESULTS[:4]}
     estimated = estimated_depth(run)
     return RunHead(
         path=run.path,
@@ -222,15 +229,10 @@ def _head(run: RunFile) -> RunHead:
         tool=run.text("/entry/tool/material"),
         sites=len(results),
         through=int(np.sum(results["through"])),
-        depth_um=_mean(blind["depth"]) if len(results) else plain_number(touched.get("depth_um")),
-        depth_u95_um=_mean(blind["depth_u95"]) if len(results) else plain_number(touched.get("depth_u95_um")),
         est_depth_um=estimated.depth_um,
         est_depth_u95_um=estimated.depth_u95_um,
-        wear_um=_mean(results["wear"]) if len(results) else plain_number(touched.get("wear_um")),
-        wear_u95_um=_mean(results["wear_u95"]) if len(results) else plain_number(touched.get("wear_u95_um")),
         machining_time_s=machining_time_s,
-        depth_basis=weakest(words["depth_basis"]) or str(touched.get("depth_basis") or ""),
-        wear_basis=weakest(words["wear_basis"]) or str(touched.get("wear_basis") or ""),
+        **found,
         verdict=worst(words["verdict"]),
     )
 

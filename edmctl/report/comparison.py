@@ -56,8 +56,8 @@ def _differing(runs: Sequence[RunFile]) -> list[Setting]:
     profiles = [run.profile_values() for run in runs]
     setups = [
         {
-            f"setup {leaf.key}": leaf.value
-            for leaf in profile_leaves(tomllib.loads(run.text("/entry/machine/toml")))
+            f"setup {key}": value
+            for key, value in profile_leaves(tomllib.loads(run.text("/entry/machine/toml"))).items()
         }
         for run in runs
     ]

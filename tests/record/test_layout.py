@@ -157,4 +157,4 @@ def test_a_unit_is_read_from_the_name(name: str, unit: str) -> None:
 
 def test_lists_become_json_and_empty_values_are_left_out() -> None:
     leaves = profile_leaves({"sites": [{"x_um": 1.0}], "nothing": None})
-    assert [(leaf.key, leaf.value) for leaf in leaves] == [("sites", '[{"x_um": 1.0}]')]
+    assert leaves == {"sites": '[{"x_um": 1.0}]'}

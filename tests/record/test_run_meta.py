@@ -12,6 +12,7 @@ from edmctl.jobs.plan import JobRequest, check
 from edmctl.jobs.run_header import name_run, run_meta
 from edmctl.machine.interface import MachineIdentity
 from edmctl.profile.setup import Setup
+from edmctl.record.rows import unit_of
 
 if TYPE_CHECKING:
     from edmctl.record.rows import RunMeta
@@ -38,12 +39,10 @@ def test_every_file_of_a_chain_of_profiles_is_kept(tmp_path: Path) -> None:
 
 
 def test_the_constants_of_the_plant_are_among_the_values() -> None:
-    values = {
-        leaf.key: (leaf.value, leaf.units) for leaf in meta_of("cu270", "sim.flush_time_s=3").profile_leaves
-    }
-    assert values["sim.flush_time_s"] == (3.0, "s")
-    assert values["sim.removal_um3_per_uj"] == (0.0811, "um3/uJ")
-    assert values["pulse.open_voltage_v"] == (40.0, "V")
+    values = meta_of("cu270", "sim.flush_time_s=3").profile_leaves
+    names = ("sim.flush_time_s", "sim.removal_um3_per_uj", "pulse.open_voltage_v")
+    assert [values[name] for name in names] == [3.0, 0.0811, 40.0]
+    assert [unit_of(name) for name in names] == ["s", "um3/uJ", "V"]
 
 
 def test_recipe_and_plant_have_hashes_of_their_own() -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.dataclasses import dataclass
+from edmctl.dataclasses import dataclass, field
 from edmctl.jobs.runs.explanation import DEBUG, LEFT_OUT, depths_of_holes, events_of
 from edmctl.labels import PAD, PARKING
 from edmctl.machine.interface import MachineState
@@ -223,42 +223,39 @@ class _Watcher:
         )
 
 
+@dataclass(slots=True)
 class _Cut:
     """A cut that was planned at `planned_s`, with its remaining time at the mean feed so far."""
 
-    def __init__(
-        self, planned_s: float = math.nan, feed_um: float = math.nan, wear_ratio: float = math.nan
-    ) -> None:
-        self.feed_um = feed_um
-        self._planned_s, self._wear_ratio = planned_s, wear_ratio
-        self._begin: tuple[float, float] | None = None
+    planned_s: float = math.nan
+    feed_um: float = math.nan
+    wear_ratio: float = math.nan
+    _begin: tuple[float, float] = field(default=(math.nan, math.nan), init=False)
+    """Time of its first row, and feed of the hole before it."""
 
     def time_left_s(self, run: RunFile, now_s: float, fed_um: float, depth_left_um: float) -> float:
         """Return the time to the target depth, else to the end of the feed; NaN while that is unknown.
 
         fed_um : estimated depth and wear of the hole; depth_left_um : NaN without a target depth
         """
-        begin_s, begin_um = self._begin_of(run)
+        if math.isnan(self._begin[0]):
+            self._begin = self._found_begin(run)
+        begin_s, begin_um = self._begin
         mean_um_s = (fed_um - begin_um) / (now_s - begin_s) if now_s - begin_s > FEED_AFTER_S else math.nan
         if not mean_um_s > 0.0:
             return math.nan
-        left_um = depth_left_um * (1.0 + self._wear_ratio)
+        left_um = depth_left_um * (1.0 + self.wear_ratio)
         if math.isnan(depth_left_um):
             left_um = self.feed_um - (fed_um - begin_um)
         return max(0.0, left_um) / mean_um_s
 
-    def _begin_of(self, run: RunFile) -> tuple[float, float]:
-        """Return the time of the cut's first row, and the feed of the hole before it."""
-        if self._begin is None:
-            times_s = run.column("/entry/slow", "time")
-            row = int(times_s.searchsorted(self._planned_s))
-            if math.isnan(self._planned_s) or row >= len(times_s):
-                return math.nan, math.nan
-            depth_um, wear_um = (
-                float(run.column("/entry/slow", name, row, row + 1)[0]) for name in ("est_depth", "est_wear")
-            )
-            self._begin = (float(times_s[row]), depth_um + wear_um)
-        return self._begin
+    def _found_begin(self, run: RunFile) -> tuple[float, float]:
+        times_s = run.column("/entry/slow", "time")
+        row = int(times_s.searchsorted(self.planned_s))
+        if math.isnan(self.planned_s) or row >= len(times_s):
+            return math.nan, math.nan
+        lengths_um = (run.column("/entry/slow", name, row, row + 1) for name in ("est_depth", "est_wear"))
+        return float(times_s[row]), sum(float(values[0]) for values in lengths_um)
 
 
 def _newest_slow(run: RunFile, now_s: float) -> dict[str, float]:
@@ -277,7 +274,5 @@ def _phase(state: int, *, machining: bool) -> Phase:
         return Phase.JUMPING
     if state == MachineState.MACHINING or machining:
         return Phase.MACHINING
-    return {
-        MachineState.APPROACH: Phase.APPROACHING,
-        MachineState.TOUCH: Phase.MEASURING,
-    }.get(MachineState(state), Phase.MOVING)
+    others = {MachineState.APPROACH: Phase.APPROACHING, MachineState.TOUCH: Phase.MEASURING}
+    return others.get(MachineState(state), Phase.MOVING)
