@@ -97,22 +97,27 @@ def test_columns_that_a_kill_left_unequal_are_cut_to_the_shortest(tmp_path: Path
 
 @pytest.mark.parametrize("seed", tiers(0, slow=(1,), full=(2,)))
 def test_a_writer_killed_at_any_instant_loses_no_flushed_row(tmp_path: Path, seed: int) -> None:
-    chance = random.Random(seed)
+    chance, partial = random.Random(seed), tmp_path / "run.h5.partial"
     with start(KILLED, tmp_path / "run.h5") as writer:
         assert writer.stdout is not None
         for _ in range(chance.randrange(1, 30)):
             flushed = int(writer.stdout.readline())
-        assert is_live(tmp_path / "run.h5.partial")
+        assert is_live(partial)
         with pytest.raises(RunFileError) as refusal:
-            recover(tmp_path / "run.h5.partial")
+            recover(partial)
         assert refusal.value.code == "E9014"
         os.kill(writer.pid, signal.SIGKILL)
-    assert not is_live(tmp_path / "run.h5.partial")
-    made = recover(tmp_path / "run.h5.partial")
-    assert made.rows["/entry/servo"] >= flushed
-    with open_run(made.path) as run:
-        time_s = run.column("/entry/servo", "time")
-    np.testing.assert_array_equal(time_s, 0.01 * np.arange(len(time_s)))
+    assert not is_live(partial)
+    with pytest.raises(OSError, match="already open for write"):
+        h5py.File(partial, "r")
+    with open_run(partial) as old, open_run(recover(partial).path) as new:
+        assert (old.is_finished, new.is_finished) == (False, True)
+        for run in (old, new):
+            k = np.arange(run.rows("/entry/servo"))
+            assert len(k) >= flushed
+            np.testing.assert_array_equal(run.column("/entry/servo", "time"), 0.01 * k)
+            current_a = run.column("/entry/servo", "current")
+            np.testing.assert_array_equal(current_a[:flushed], (k[:flushed] + 0.6).astype(np.float32))
 
 
 def test_a_file_that_is_there_is_not_overwritten(killed: Path) -> None:
