@@ -159,7 +159,9 @@ class _Measurement:
         model2_um = z2.model_um if z2 else math.nan
         creep_um = z2.creep_um - 0.5 * (before.creep_um + after.creep_um) if z2 else 0.0
         depth_model_u95_um, wear_model_u95_um = model_u95_um(run, found, creep_um)
-        has_hole = z2 is not None
+        has_hole, depth_basis = z2 is not None, None
+        if z2 is not None:
+            depth_basis = Basis.ESTIMATED if z2.doubt_u_um > 0.0 else run.job.touch_basis
         return WearResult(
             z1_um=reference.z_um,
             z2_um=bottom.mean_um if has_hole else math.nan,
@@ -187,11 +189,7 @@ class _Measurement:
             depth_model_u95_um=depth_model_u95_um if has_hole else math.nan,
             feed_model_um=model2_um - reference.model_um - drift.um,
             feed_model_u95_um=math.hypot(depth_model_u95_um, wear_model_u95_um) if has_hole else math.nan,
-            depth_basis=None
-            if z2 is None
-            else Basis.ESTIMATED
-            if z2.doubt_u_um > 0.0
-            else run.job.touch_basis,
+            depth_basis=depth_basis,
             wear_basis=run.job.touch_basis,
             budget=self._budget(found),
             time_s=run.machine.time_s,

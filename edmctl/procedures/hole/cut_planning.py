@@ -286,16 +286,15 @@ class ExpectedHole:
 
     def depth_fits(self, found: DepthAndWear) -> bool:
         """Return whether this can be the hole."""
-        return self._fits(found.depth_um - self.estimate.depth_um, self.estimate.depth.u, found.depth.u)
+        return self._fits(self.estimate.depth, found.depth)
 
     def tool_fits(self, found: DepthAndWear) -> bool:
         """Return whether this can be the tool that made it."""
-        more_um = found.feed_um - self.estimate.depth_um - self.estimate.wear_um
-        return self.wear_fits(found) and self._fits(more_um, self.estimate.feed.u, found.feed.u)
+        return self.wear_fits(found) and self._fits(self.estimate.feed, found.feed)
 
     def wear_fits(self, found: DepthAndWear) -> bool:
         """Return the same by the wear alone, if the hole has no bottom."""
-        return self._fits(found.wear_um - self.estimate.wear_um, self.estimate.wear.u, found.wear.u)
+        return self._fits(self.estimate.wear, found.wear)
 
     def through_at_most(self, thickness_um: float) -> ExpectedHole:
         """Return the same for a hole through a sheet: behind it the tool neither cuts nor wears."""
@@ -303,14 +302,12 @@ class ExpectedHole:
         if known.depth_um <= thickness_um:
             return self
         wear_um = known.wear_um * thickness_um / known.depth_um
-        known = replace(
-            known, depth=replace(known.depth, value=thickness_um), wear=replace(known.wear, value=wear_um)
-        )
-        return replace(self, estimate=known)
+        depth, wear = replace(known.depth, value=thickness_um), replace(known.wear, value=wear_um)
+        return replace(self, estimate=replace(known, depth=depth, wear=wear))
 
-    def _fits(self, more_um: float, known_u_um: float, found_u_um: float) -> bool:
-        reach_um = STANDARD_UNCERTAINTIES * math.hypot(known_u_um, found_u_um)
-        return -reach_um <= more_um <= reach_um + self.unseen_um
+    def _fits(self, expected: Value, found: Value) -> bool:
+        reach_um = STANDARD_UNCERTAINTIES * math.hypot(expected.u, found.u)
+        return -reach_um <= found.value - expected.value <= reach_um + self.unseen_um
 
 
 def with_cuts(
