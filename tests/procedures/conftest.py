@@ -180,10 +180,6 @@ class Told:
         self.notes.append(text)
 
 
-def _as_it_is(config: BenchConfig) -> BenchConfig:
-    return config
-
-
 def eroding(config: BenchConfig, wear: float, removal: float = 1.0) -> BenchConfig:
     """A bench whose tool wears so many times as much per volume of work, and whose work erodes so much faster."""
     work, tool = removal * config.work_removal, wear * removal * config.tool_wear
@@ -201,7 +197,7 @@ class Shop:
         *,
         sensor: bool = True,
         direct: bool = False,
-        changed: Callable[[BenchConfig], BenchConfig] = _as_it_is,
+        changed: Callable[[BenchConfig], BenchConfig] = lambda config: config,
     ) -> None:
         loaded = load_profile(CU270, (*QUICK, *overrides))
         self.profile = loaded.profile

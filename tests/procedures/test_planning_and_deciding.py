@@ -160,25 +160,26 @@ def test_what_is_left_is_cut_with_the_wear_ratio_measured() -> None:
     assert then.measured
 
 
-def test_a_small_rest_is_finished_without_a_touch_unless_the_recipe_counts_them() -> None:
+@pytest.mark.parametrize(("override", "measured"), [('"auto"', False), ("3", True)])
+def test_a_small_rest_is_finished_without_a_touch_unless_the_recipe_counts_them(
+    override: str, *, measured: bool
+) -> None:
     near = replace(FOUND, depth=Value(172.0, 0.5), wear=Value(68.8, 1.0))
-    auto = decision(profile(), plan(), found=near).plan
-    counted = decision(profile("wear.remeasure=3"), plan(), found=near).plan
-    assert auto is not None
-    assert counted is not None
-    assert (auto.measured, counted.measured) == (False, True)
+    then = decision(profile(f"wear.remeasure={override}"), plan(), found=near).plan
+    assert then is not None
+    assert then.measured is measured
 
 
-def test_a_depth_in_tolerance_is_the_end() -> None:
-    end = decision(profile(), plan(), found=replace(FOUND, depth=Value(179.4, 0.5)))
-    assert (end.plan, end.missed) == (None, "")
-
-
-def test_a_depth_short_after_the_last_cut_is_missed() -> None:
-    end = decision(profile(), plan(number=5))
-    assert end.plan is None
-    assert "−30.00 µm" in end.missed
-    assert end.hint == "Allow more cuts (wear.max_cuts)."
+@pytest.mark.parametrize(
+    ("number", "depth_um", "missed", "hint"),
+    [(1, 179.4, "", ""), (5, 150.0, "−30.00 µm", "Allow more cuts (wear.max_cuts).")],
+)
+def test_a_depth_in_tolerance_and_the_last_cut_are_the_end(
+    number: int, depth_um: float, missed: str, hint: str
+) -> None:
+    end = decision(profile(), plan(number=number), found=replace(FOUND, depth=Value(depth_um, 0.5)))
+    assert (end.plan, end.hint, bool(end.missed)) == (None, hint, bool(missed))
+    assert missed in end.missed
 
 
 @pytest.mark.parametrize(
