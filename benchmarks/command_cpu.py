@@ -7,10 +7,6 @@ printed.
 Imports hold the start of the interpreter; of each part the least and the median of all repeats are told, over all
 threads of the process. Bytecode and the library are made in a first run.
 
-    python benchmarks/command_cpu.py --calibrate [--repeat 3]
-
-CPU time of `edmctl calibrate --seed 1` and of the same calibration by the Python API in a bare process.
-
     python benchmarks/command_cpu.py --startup [--repeat 7]
 
 CPU time of a job, of its start until the first tick of its machine, and of commands that compute nothing; how many
@@ -40,8 +36,6 @@ COMMAND = ["machine", "--profile", "cu270", "--set", "target.depth_um=40", "--se
 KERNEL = "edmctl.core.library"
 PARTS = ("kernel", "imports", "rest", "total")
 HERE = Path(__file__).resolve().parents[1]
-BY_API = "import sys, edmctl; edmctl.connect(seed=1).calibrate(output=sys.argv[1])"
-MOST_API_RATIO = 1.15
 JOB = ["machine", "--profile", "cu270", "--set", "target.depth_um=10", "--seed", "1", "--json"]
 MOST_DATACLASS_S, MOST_MB = 0.12, 110.0
 
@@ -199,36 +193,6 @@ def once(checkout: Path, command: list[str], folder: str, how: str = "--measure"
     return found
 
 
-def compare_calibrations(repeat: int) -> int:
-    """Print the CPU seconds of a calibration by command and by API, and their ratio; 1 if it is too large."""
-    limits = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-    bare = {name: value for name, value in os.environ.items() if name not in limits}
-    found: dict[str, list[float]] = {"command": [], "API": []}
-    with tempfile.TemporaryDirectory() as folder:
-        for attempt in range(repeat + 1):
-            for name, seconds in found.items():
-                output = f"{folder}/{name}-{attempt}.toml"
-                command = ["-m", "edmctl", "calibrate", "--seed", "1", "--output", output]
-                arguments = command if name == "command" else ["-c", BY_API, output]
-                before = os.times()
-                subprocess.run(
-                    [sys.executable, *arguments], env=bare, cwd=HERE, capture_output=True, check=True
-                )
-                after = os.times()
-                if attempt:
-                    seconds.append(
-                        after.children_user
-                        + after.children_system
-                        - before.children_user
-                        - before.children_system
-                    )
-    for name, seconds in found.items():
-        print(f"calibrate by {name:<8} {min(seconds):6.2f} s least   {median(seconds):6.2f} s median")
-    ratio = median(found["API"]) / median(found["command"])
-    print(f"API : command         {ratio:.2f}, at most {MOST_API_RATIO}")
-    return int(ratio > MOST_API_RATIO)
-
-
 def main() -> None:
     """Measure and print."""
     if sys.argv[1:2] == ["--measure"]:
@@ -243,13 +207,10 @@ def main() -> None:
     )
     parser.add_argument("other", nargs="?", type=Path, help="another checkout of the project")
     parser.add_argument("--repeat", type=int, default=7)
-    parser.add_argument("--calibrate", action="store_true", help="compare the command with the Python API")
     parser.add_argument("--startup", action="store_true", help="measure the start of a job")
     options = parser.parse_args(own.split())
     if options.startup:
         sys.exit(startup(options.repeat))
-    if options.calibrate:
-        sys.exit(compare_calibrations(options.repeat))
     trees = [HERE] if options.other is None else [options.other.resolve(), HERE]
     found: dict[Path, list[dict[str, float]]] = {tree: [] for tree in trees}
     with tempfile.TemporaryDirectory() as folder:
