@@ -179,7 +179,7 @@ class Resumption:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A checked request. `simulated` is None if that is known only after connecting.
+    """A checked request.
 
     `new_tool` means that the electrode was changed. Without `names_tool` the machine's tool is used as it is, and
     `recipe_of` is the run file whose recipe is used, if any.
@@ -187,17 +187,24 @@ class Plan:
 
     request: JobRequest
     where: MachineAddress
-    simulated: bool | None
     loaded: LoadedProfile
     setup: Setup
     setup_text: str
-    forecast: Forecast
-    calibration: Path | None = None
     new_tool: bool = False
     names_tool: bool = True
     resumed: Resumption | None = None
     surroundings: Surroundings = NONE
     recipe_of: str = ""
+
+    @property
+    def simulated(self) -> bool | None:
+        """Whether the machine is a virtual one; None if that is known only after connecting."""
+        return True if self.where.in_process else None
+
+    @property
+    def forecast(self) -> Forecast:
+        """The forecast of the whole job."""
+        return self.loaded.forecast
 
     def forecast_left(self) -> Forecast | None:
         """Return the forecast of the holes that remain, with the one that was interrupted; None if none remains."""
@@ -210,10 +217,6 @@ class Plan:
         is_begun = state.begun and not self.resumed.restart_hole
         reached = Reached(state.site, state.depth_um) if is_begun else None
         return forecast(self.loaded.profile, self.setup, remaining, reached)
-
-    def tool_for(self) -> LoadedProfile | None:
-        """Return the profile for a virtual bench; None if a persistent bench stays as it is."""
-        return self.loaded if self.names_tool or self.where.bench_file is None else None
 
 
 def under(plan: Plan, setup: Setup) -> Plan:
@@ -276,15 +279,5 @@ def check(request: JobRequest, surroundings: Surroundings = NONE) -> Plan:
         _refuse_beside_virtual_work(setup, loaded.places)
     refuse_unasked(setup, allow_model=request.allow_model)
     look_at_named(request.calibration, surroundings.environ, setup, loaded.profile)
-    return Plan(
-        request=request,
-        where=where,
-        simulated=True if where.in_process else None,
-        loaded=loaded,
-        setup=setup,
-        setup_text=read_source(request.setup).text if request.setup else "",
-        forecast=loaded.forecast,
-        calibration=request.calibration,
-        new_tool=request.new_tool,
-        surroundings=surroundings,
-    )
+    text = read_source(request.setup).text if request.setup else ""
+    return Plan(request, where, loaded, setup, text, request.new_tool, surroundings=surroundings)

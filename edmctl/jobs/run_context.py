@@ -104,7 +104,7 @@ class RunContext:
         else:
             calibrate = f"edmctl calibrate --seed {self.bench.seed}"
         self.choice = choose(
-            plan.calibration,
+            plan.request.calibration,
             plan.surroundings.environ,
             plan.setup,
             plan.loaded.profile,
@@ -231,9 +231,9 @@ def connected_run(
             warn([_no_locks(name.path.parent)])
     run: RunContext | None = None
     try:
-        with connected(
-            plan.tool_for(), plan.setup, seed, observer.note, plan.where, plan.surroundings
-        ) as bench:
+        is_fitted = plan.names_tool or plan.where.bench_file is None  # else a bench keeps its tool
+        loaded = plan.loaded if is_fitted else None
+        with connected(loaded, plan.setup, seed, observer.note, plan.where, plan.surroundings) as bench:
             disk = DiskThread(bench.machine.attend if bench.machine.is_live else None)
             run = RunContext(plan, name, observer, warn or (lambda _: None), bench, disk)
             try:
