@@ -1,8 +1,7 @@
 """The tables of a run file as rows for other programs, block by block: CSV and JSON, and Parquet through pyarrow.
 
-Columns are named with their units. Texts have every digit that is needed to read the same number again. numpy
-formats a column at a time; values that repeat, as those of a converter do, only once. Parquet gets a row group per
-block, and the units in its metadata.
+Columns are named with their units. Texts have every digit that is needed to read the same number again; a column is
+formatted at a time. Parquet gets a row group per block, and the units in its metadata.
 """
 
 from __future__ import annotations
@@ -157,9 +156,8 @@ def _values(rows: NDArray[np.void], column: Column) -> NDArray[np.generic]:
     return values
 
 
-_SAMPLE = 1024
-_FLOAT_CHARACTERS = {4: "U15", 8: "U25"}
-"""Longest forms: `-1.1754944e-38`, `-2.2250738585072014e-308`."""
+_SINGLE = "U15"
+"""Text of a number of single precision; its longest is `-1.1754944e-38`."""
 
 
 class ByteSink(Protocol):
@@ -264,28 +262,9 @@ def formatted(values: NDArray[np.generic], unknown: str, infinite: str | None = 
     """Return numbers as the shortest texts that are read back as the same numbers of their type."""
     if values.dtype.kind != "f":
         return list(map(str, values.tolist()))
-    if _repeats(values):
-        once, where = np.unique(values, return_inverse=True)
-        texts: list[str] = np.array(_floats(once, unknown, infinite), object)[where].tolist()
-        return texts
-    return _floats(values, unknown, infinite)
-
-
-def _repeats(values: NDArray[np.generic]) -> bool:
-    """Whether looking for equal values saves more than it costs, by a part of them."""
-    if len(values) < 4 * _SAMPLE:
-        return False
-    sample = values[:: len(values) // _SAMPLE]
-    return len(np.unique(sample)) < len(sample) // 2
-
-
-def _floats(values: NDArray[np.generic], unknown: str, infinite: str | None) -> list[str]:
-    if values.dtype.itemsize == 8:
-        texts: list[str] = list(map(repr, values.tolist()))
-    else:
-        texts = values.astype(_FLOAT_CHARACTERS[values.dtype.itemsize]).tolist()
-    odd = np.flatnonzero(~np.isfinite(values))
-    for place in odd.tolist():
+    is_double = values.dtype.itemsize == 8
+    texts: list[str] = list(map(repr, values.tolist())) if is_double else values.astype(_SINGLE).tolist()
+    for place in np.flatnonzero(~np.isfinite(values)).tolist():
         if texts[place] == "nan":
             texts[place] = unknown
         elif infinite is not None:

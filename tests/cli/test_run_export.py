@@ -251,10 +251,9 @@ def test_a_reader_that_goes_away_is_no_failure(run: Path, tmp_path: Path) -> Non
         assert process.wait() == 0
 
 
-def test_numbers_that_repeat_are_written_as_others_are() -> None:
-    values = np.tile(np.array([52.5925, np.nan, -0.0, 1e-7], "f4"), 4096)
-    assert formatted(values, unknown="") == formatted(values[:4], unknown="") * 4096
-    assert formatted(values[:4], unknown="") == ["52.5925", "", "-0.0", "1e-07"]
+def test_numbers_are_the_shortest_texts_of_their_type() -> None:
+    values = np.array([52.5925, np.nan, -0.0, 1e-7], "f4")
+    assert formatted(values, unknown="") == ["52.5925", "", "-0.0", "1e-07"]
 
 
 def test_rows_come_in_blocks(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
