@@ -70,8 +70,7 @@ WaitOption: TypeAlias = Annotated[
     ),
 ]
 SeedOption: TypeAlias = Annotated[
-    int | None,
-    typer.Option("--seed", metavar="N", help="Seed of the simulator. Default: random."),
+    int | None, typer.Option("--seed", metavar="N", help="Seed of the simulator. Default: random.")
 ]
 ControllerOption: TypeAlias = Annotated[
     str | None,
@@ -94,8 +93,7 @@ AllowModelOption: TypeAlias = Annotated[
     typer.Option("--allow-model", help="Without a displacement sensor, go by the calibrated actuator alone."),
 ]
 NewToolOption: TypeAlias = Annotated[
-    bool,
-    typer.Option("--new-tool", help="The electrode was changed: begin its length and wear anew."),
+    bool, typer.Option("--new-tool", help="The electrode was changed: begin its length and wear anew.")
 ]
 OutOption: TypeAlias = Annotated[
     Path, typer.Option("--out", metavar="DIR", help="Folder of run files and job ledger.")

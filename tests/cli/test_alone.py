@@ -223,11 +223,7 @@ THERE = ("--set", 'sites=[{kind="point",name="again",x_um=600,y_um=0}]')
     ],
 )
 def test_what_the_ledger_knows_refuses_before_anything_moves(
-    machined: Here,
-    before: Callable[[], None] | None,
-    arguments: tuple[str, ...],
-    code: str,
-    words: str,
+    machined: Here, before: Callable[[], None] | None, arguments: tuple[str, ...], code: str, words: str
 ) -> None:
     if before is not None:
         before()

@@ -278,9 +278,7 @@ VoltageOption = Annotated[
 KnownOption = Annotated[
     Path | None,
     typer.Option(
-        "--calibration",
-        metavar="FILE",
-        help="Calibration to judge. Default: one made on the same actuator.",
+        "--calibration", metavar="FILE", help="Calibration to judge. Default: one made on the same actuator."
     ),
 ]
 PlotOption = Annotated[

@@ -32,12 +32,10 @@ SensorsOption = Annotated[
     ),
 ]
 AckOption = Annotated[
-    int | None,
-    typer.Option("--ack", metavar="CODE", help="The fault to clear. Default: show it only."),
+    int | None, typer.Option("--ack", metavar="CODE", help="The fault to clear. Default: show it only.")
 ]
 ProbeOption = Annotated[
-    bool,
-    typer.Option("--probe", help="Identify the controllers at the ports that `auto` would try."),
+    bool, typer.Option("--probe", help="Identify the controllers at the ports that `auto` would try.")
 ]
 
 

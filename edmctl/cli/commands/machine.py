@@ -329,11 +329,7 @@ def _show_plan(outcome: Outcome, title: str, forecast: Mapping[str, object]) -> 
 
 
 def _perform(
-    outcome: Outcome,
-    procedure: _P,
-    job: JobOptions,
-    run: RunOptions,
-    render: Callable[[_P, Style], str],
+    outcome: Outcome, procedure: _P, job: JobOptions, run: RunOptions, render: Callable[[_P, Style], str]
 ) -> None:
     """Do a procedure by itself, and set its result. Raises the error that ended it."""
     from edmctl.jobs.procedures import name_of, perform

@@ -126,9 +126,7 @@ def list_shipped(outcome: Outcome, setup: SetupOption = None) -> None:
 
 @app.command()
 @command("profile schema")
-def schema(
-    outcome: Outcome,
-) -> None:
+def schema(outcome: Outcome) -> None:
     """Write the JSON schema of profiles.
 
     With --json it is the `result` of the usual object.

@@ -162,10 +162,7 @@ def serve(
     used_seed = seed_to_use(seed)
     # A kept bench is the machine that it is, whatever seed would make another.
     outcome.seed = used_seed if seed is not None or bench is None or not bench.exists() else None
-    _serve(
-        outcome,
-        _Request(config, used_seed, factor, rate, injections, bench, seconds, acts, link, place),
-    )
+    _serve(outcome, _Request(config, used_seed, factor, rate, injections, bench, seconds, acts, link, place))
 
 
 def _serve(outcome: Outcome, request: _Request) -> None:

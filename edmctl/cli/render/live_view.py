@@ -138,12 +138,7 @@ class History:
 
 
 def chart(
-    history: History,
-    now_s: float,
-    cells: int,
-    rows: int,
-    scale: tuple[float, float],
-    mark: float = math.nan,
+    history: History, now_s: float, cells: int, rows: int, scale: tuple[float, float], mark: float = math.nan
 ) -> list[list[Span]]:
     """Draw the lowest and highest values of a signal into `rows` of `cells`, top first.
 

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
 
 FollowOption = Annotated[
-    bool,
-    typer.Option("--follow", "-f", help="Follow a run until it ends; Ctrl-C ends the following."),
+    bool, typer.Option("--follow", "-f", help="Follow a run until it ends; Ctrl-C ends the following.")
 ]
 FolderArgument = Annotated[
     Path | None, typer.Argument(metavar="[FOLDER]", help=f"Folder of the run files. Default: {RUNS}.")

@@ -44,12 +44,7 @@ def test_a_run_file_has_exact_numbers() -> None:
 
 def test_numbers_are_rounded_by_their_unit() -> None:
     hole = Hole("h", 179.98765432, 0.28765432, 0.123456789)
-    assert to_json_value(hole) == {
-        "name": "h",
-        "depth_um": 179.988,
-        "rate_um_s": 0.2877,
-        "share": 0.123457,
-    }
+    assert to_json_value(hole) == {"name": "h", "depth_um": 179.988, "rate_um_s": 0.2877, "share": 0.123457}
 
 
 def test_a_delay_keeps_microseconds() -> None:

@@ -29,9 +29,7 @@ def table_of(name: str, *overrides: str) -> dict[str, list[str]]:
     ("job", "rows"),
     [
         pytest.param(
-            ("cu270",),
-            {"depth": ["180.00 µm"], "tool wear": ["70.02 µm"], "holes": None},
-            id="one hole",
+            ("cu270",), {"depth": ["180.00 µm"], "tool wear": ["70.02 µm"], "holes": None}, id="one hole"
         ),
         pytest.param(
             ("array-3x3",),
