@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
 import math
 import os
 import shutil
@@ -56,6 +55,7 @@ from tests.cli.left_jobs import (
     at_event,
     at_time_of_cut,
     bench_changed,
+    done,
     error_of,
     killed_at,
     snapshot_and_stop,
@@ -121,8 +121,7 @@ def dying_at(*places: str, error: Exception | None = None) -> Iterator[None]:
 
 
 def assert_on_target(said: Said) -> None:
-    assert said.exit_code == 0, said.out
-    (site,) = said.document["result"]["sites"]
+    (site,) = done(said)["sites"]
     assert abs(site["depth_um"] - TARGET_UM) <= TOLERANCE_UM
     assert abs(site["depth_um"] - site["truth"]["depth_um"]) <= 1.0
     assert abs(site["wear_um"] - site["truth"]["wear_um"]) <= 1.5
@@ -242,9 +241,7 @@ def test_a_deep_hole_with_a_worn_tool_is_finished(here: Here) -> None:
     with at_time_of_cut(172.0, stop):
         assert here(*MACHINE, *deep, *BENCH, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
     assert float(read_journal(Path("runs/a.journal")).state["wear_um"]) > 42.0  # type: ignore[arg-type]
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0, said.out
-    (site,) = said.document["result"]["sites"]
+    (site,) = done(here(*RESUME, *BENCH))["sites"]
     assert abs(site["truth"]["depth_um"] - 180.0) <= 2.0
 
 
@@ -259,12 +256,10 @@ def test_an_array_is_taken_up_whose_finished_holes_were_not_judged_yet(
         machine = ("machine", "--profile", ARRAY, *shallow, *BENCH)
         assert here(*machine, "--seed", "5", "--run-id", "a", "--quiet").exit_code == 130
     monkeypatch.chdir(killed)
-    done = read_journal(Path("runs/a.journal")).state["done"]
-    assert len(done) >= 2  # type: ignore[arg-type]
-    assert any(not isinstance(site["verdict"], str) for site in done)  # type: ignore[attr-defined]
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0, said.out
-    assert len(said.document["result"]["sites"]) == 9
+    made = read_journal(Path("runs/a.journal")).state["done"]
+    assert len(made) >= 2  # type: ignore[arg-type]
+    assert any(not isinstance(site["verdict"], str) for site in made)  # type: ignore[attr-defined]
+    assert len(done(here(*RESUME, *BENCH))["sites"]) == 9
 
 
 @pytest.mark.parametrize("how", ["stopped", "killed"])
@@ -416,8 +411,7 @@ def test_a_restarted_controller_needs_somebody_who_homed_its_stages(here: Here, 
         said = here(*RESUME, "--port", port)
         assert "(500.0, 0.0) µm" in refused(said, "E8057")
         assert "by hand to (500.0, 0.0) µm, 0°" in str(error_of(said)["hint"])
-        said = here(*RESUME, "--port", port, "--homed")
-    assert said.exit_code == 0
+        done(here(*RESUME, "--port", port, "--homed"))
     (hole,) = bench.truth()
     assert abs(hole.depth_um - TARGET_UM) <= TOLERANCE_UM + 0.5
 
@@ -429,7 +423,7 @@ def test_a_controller_that_stayed_on_needs_nobody(here: Here, killed: Path) -> N
     job = replace(journal.job, boots=bench.controller.boot_count)
     write_journal(Path("runs/a.journal"), replace(journal, job=job))
     with serving(bench) as port:
-        assert here(*RESUME, "--port", port).exit_code == 0
+        done(here(*RESUME, "--port", port))
 
 
 @pytest.mark.slow
@@ -445,40 +439,32 @@ def test_another_job_with_the_tool_is_warned_of_what_it_ends(here: Here, left: L
     assert "W8115" not in here(*again).out
 
 
-def test_a_job_that_ended_by_a_fault_before_it_cut_is_started_again(here: Here) -> None:
-    with dying_at(
-        "edmctl.procedures.hole.knowledge.read_pad",
-        error=MachineFault("made for this test", hint="Reset it.", code="E62007"),
-    ):
+READ_PAD = "edmctl.procedures.hole.knowledge.read_pad"
+
+
+def test_a_job_that_has_cut_nothing_is_started_again_and_hinders_no_other(here: Here) -> None:
+    fault = MachineFault("made for this test", hint="Reset it.", code="E62007")
+    with dying_at(READ_PAD, error=fault):
         error = error_of(here(*MACHINE, *BENCH, "--seed", "4", "--run-id", "a", "--quiet", "--json"))
     assert "--resume a" not in str(error["hint"])
     assert "start the job again" in str(error["hint"])
     assert list(Path("runs").glob("*.journal")) == []
     assert error_of(here(*RESUME, *BENCH))["code"] == "E8050"
-
-
-def test_a_job_that_has_cut_nothing_hinders_no_other(here: Here) -> None:
     setup = Path("shop.toml")
     setup.write_text("[stage]\nspeed_um_s = 5000.0\n")
-    with dying_at("edmctl.procedures.hole.knowledge.read_pad"):
-        machine = (*MACHINE, *BENCH, "--setup", str(setup))
-        assert here(*machine, "--seed", "4", "--run-id", "a", "--quiet").exit_code == 4
+    machine = (*MACHINE, *BENCH, "--setup", str(setup))
+    with dying_at(READ_PAD):
+        assert here(*machine, "--run-id", "b", "--quiet").exit_code == 4
     assert here(*machine, "--dry-run", "--json").document["warnings"] == []
     setup.write_text("[stage]\nspeed_um_s = 4000.0\n")
-    error = error_of(here(*RESUME, *BENCH))
-    assert (error["code"], error["hint"]) == (
-        "E8053",
-        "It has cut nothing: start a new job, without --resume.",
-    )
-
-
-def test_a_fresh_bench_keeps_no_journal(here: Here) -> None:
+    error = error_of(here("machine", "--resume", "b", "--json", *BENCH))
+    nothing = "It has cut nothing: start a new job, without --resume."
+    assert (error["code"], error["hint"]) == ("E8053", nothing)
+    # A fresh bench keeps no journal.
     with at_time_of_cut(1.0, stop):
         assert here(*MACHINE, "--port", "sim:", "--seed", "1", "--run-id", "c", "--quiet").exit_code == 130
-    assert list(Path("runs").glob("*.journal")) == []
-    said = here("machine", "--resume", "c", "--json")
-    assert error_of(said)["code"] == "E8050"
-    assert json.loads(said.out)["run_file"] is None
+    assert not Path("runs/c.journal").exists()
+    assert error_of(here("machine", "--resume", "c", "--json"))["code"] == "E8050"
 
 
 @pytest.mark.parametrize("code", ["E4005", "E4010"])
@@ -552,9 +538,7 @@ def test_a_hole_of_one_cut_that_was_broken_off_is_finished(here: Here, change: s
     with at_time_of_cut(INTO_THE_CUT_S, stop):
         order = (*MACHINE, "--set", change, "--set", "target.tolerance_um=6", *BENCH)
         assert here(*order, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0, said.out
-    (site,) = said.document["result"]["sites"]
+    (site,) = done(here(*RESUME, *BENCH))["sites"]
     assert site["cuts"] == 2
 
 
