@@ -1,6 +1,7 @@
 """`edmctl calibrate` and `simulate actuator`: identify an actuator, and try models on a virtual one."""
 
 import os
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from edmctl.jobs.actuator_trial import PaperTrial, Trial
     from edmctl.jobs.actuator_waveforms import Waveform
     from edmctl.jobs.calibrate import CalibrationReport, CheckedCalibration, MeasuredRecord
-    from edmctl.jobs.plan import MachineAddress
 
 FromOption = Annotated[
     list[Path] | None,
@@ -198,18 +198,14 @@ def _run(outcome: Outcome, checked: "CheckedCalibration", seed: int) -> None:
     outcome.warn(done.findings.warnings)
 
 
-def _again(where: "MachineAddress", seed: int | None) -> str:
-    if where.bench_file is not None:
-        return f" --port {where.selector}"
-    return "" if seed is None else f" --seed {seed}"
-
-
 def _whereabouts(done: "CalibrationReport", checked: "CheckedCalibration", seed: int | None) -> str:
     """Return where the file is and how `machine` uses it."""
     if done.path is None:
         return "Nothing was saved."
     made_by = simulated_by(seed) if done.simulated else ""
-    again = _again(checked.where, seed)
+    again = "" if seed is None else f" --seed {seed}"
+    if checked.where.bench_file is not None:
+        again = f" --port {checked.where.selector}"
     saved = f"{made_by}{'Replaced' if done.replaced else 'Saved in'} {done.path}"
     if not done.is_own:
         return f"{saved}: `edmctl machine --profile PROFILE{again} --calibration {done.path}` uses it."
@@ -219,22 +215,9 @@ def _whereabouts(done: "CalibrationReport", checked: "CheckedCalibration", seed:
     return f"{saved}: `edmctl machine --profile PROFILE{again}` uses it on {done.serial} from now on."
 
 
-Shape = Literal[
-    "sine",
-    "square",
-    "triangle",
-    "step",
-    "jumps",
-    "servo",
-    "csv",
-    "all",
-    "fig3a",
-    "fig3b",
-    "fig4",
-    "fig5",
-    "loop",
-    "figures",
-]
+Shape = StrEnum("Shape", "SINE SQUARE TRIANGLE STEP JUMPS SERVO CSV ALL FIG3A FIG3B FIG4 FIG5 LOOP FIGURES")
+
+
 ShapeArgument = Annotated[
     Shape | None,
     typer.Argument(

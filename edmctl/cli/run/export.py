@@ -12,7 +12,7 @@ import typer
 from edmctl import failures
 from edmctl.cli.options import RunArgument, command
 from edmctl.cli.outcome import Outcome, mutter, unwritable
-from edmctl.cli.render.terminal import Style, render_columns
+from edmctl.cli.render.terminal import render_columns
 from edmctl.errors import EdmError
 from edmctl.jobs.runs.opening import find_run, plain_stem, reading_unless_killed
 from edmctl.results.run_file import Exported
@@ -117,37 +117,33 @@ def _export(outcome: Outcome, opened: "RunFile", request: "ExportRequest") -> No
         make_folder(request.folder)
     written: list[Exported] = []
     outcome.result = {"tables": written}
-    outcome.show(lambda style: _written_files(written, style))
+    rows: list[list[str]] = []
+    outcome.show(lambda style: render_columns(HEADER, rows, style, "<>><") if rows else "")
     for table in tables:
         path = request.path_of(table.name)
         with new_file(path, overwrite=request.overwrite) as sink:
             _write(opened, request, table, sink)
         columns = [column.name for column in table.columns]
-        written.append(Exported(table.name, str(path), table.rows, path.stat().st_size, columns))
-
-
-def _written_files(written: list[Exported], style: Style) -> str:
-    rows = [[one.table, count(one.rows), file_size(one.size_bytes), one.path] for one in written]
-    return render_columns(HEADER, rows, style, "<>><") if rows else ""
+        size_bytes = path.stat().st_size
+        written.append(Exported(table.name, str(path), table.rows, size_bytes, columns))
+        rows.append([table.name, count(table.rows), file_size(size_bytes), str(path)])
 
 
 def _write(opened: "RunFile", request: "ExportRequest", table: "ExportTable", sink: "Sink") -> None:
-    writer = _writer(opened, request, table, sink)
-    for block in table.blocks():
-        writer.write(block)
-    writer.close()
-
-
-def _writer(opened: "RunFile", request: "ExportRequest", table: "ExportTable", sink: "Sink") -> "TableWriter":
     from edmctl.jobs.runs.export import Format
     from edmctl.report.export import CsvWriter, JsonWriter, ParquetWriter
 
+    writer: TableWriter
     if request.form is Format.PARQUET:
         about = {name: opened.text(f"/entry/{name}") for name in ("run_id", "title", "start_time", "status")}
-        return ParquetWriter(sink, table.columns, {**about, "table": table.name})
-    if request.form is Format.CSV:
-        return CsvWriter(sink, table.columns)
-    return JsonWriter(sink, table.columns, lines=request.form is Format.JSONL)
+        writer = ParquetWriter(sink, table.columns, {**about, "table": table.name})
+    elif request.form is Format.CSV:
+        writer = CsvWriter(sink, table.columns)
+    else:
+        writer = JsonWriter(sink, table.columns, lines=request.form is Format.JSONL)
+    for block in table.blocks():
+        writer.write(block)
+    writer.close()
 
 
 class NobodyReads(EdmError):
