@@ -26,8 +26,8 @@ from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import WIRING_MISTAKES, parse_injection
 from edmctl.simulator.serve import ActsFile
 from tests.cli.commands import ROOT, Here, Said
+from tests.needs import EMULATOR
 from tests.serving import serving
-from tests.tiers import tiers
 from tools.generate.circuits.break_chain import hardware_break
 from tools.generate.circuits.common import Needs
 
@@ -118,7 +118,22 @@ def test_every_mistake_is_in_the_table() -> None:
     assert set(NAMED) == set(WIRING_MISTAKES)
 
 
-@pytest.mark.parametrize("controller", ["firmware", "firmware-float"])
+QUICK = ("GATE_STUCK", "MODE_STUCK")
+"""Mistakes that are soon found with a board's image."""
+CASES = [
+    *((mistake, "firmware", "1") for mistake in NAMED),
+    *(pytest.param(mistake, "stm32", "4", marks=EMULATOR) for mistake in QUICK),
+    *(pytest.param(mistake, "firmware", "2", marks=pytest.mark.slow) for mistake in NAMED),
+    *(pytest.param(mistake, "firmware-float", "7", marks=pytest.mark.slow) for mistake in NAMED),
+    *(pytest.param(m, "stm32", "4", marks=[EMULATOR, pytest.mark.slow]) for m in NAMED if m not in QUICK),
+]
+"""Mistakes with controller and seed."""
+
+
+@pytest.mark.parametrize(
+    "controller",
+    ["firmware", "firmware-float", pytest.param("stm32", marks=[EMULATOR, pytest.mark.slow])],
+)
 def test_a_sound_machine_passes_under_every_controller(here: Here, wired: Any, controller: str) -> None:
     bench = wired()
     said = here("first-start", "--yes", "--json", "--seed", "3", "--controller", controller)
@@ -129,10 +144,7 @@ def test_a_sound_machine_passes_under_every_controller(here: Here, wired: Any, c
     assert bench.is_off()
 
 
-@pytest.mark.parametrize("mistake", NAMED)
-@pytest.mark.parametrize(
-    ("controller", "seed"), tiers(("firmware", "1"), slow=[("firmware", "2"), ("firmware-float", "7")])
-)
+@pytest.mark.parametrize(("mistake", "controller", "seed"), CASES)
 def test_a_mistake_is_named_and_nothing_else_is_blamed(
     here: Here, wired: Any, mistake: str, controller: str, seed: str
 ) -> None:
@@ -228,16 +240,17 @@ class Kept(Bench):
         return bench
 
 
-def test_five_mistakes_at_once_are_all_named(here: Here, wired: Any) -> None:
+@pytest.mark.parametrize("controller", ["firmware", "firmware-float", pytest.param("stm32", marks=EMULATOR)])
+def test_five_mistakes_at_once_are_all_named(here: Here, wired: Any, controller: str) -> None:
     five = ("ESTOP_DOOR_SWAPPED", "LEVEL_INVERTED", "CONTACT_INVERTED", "GAP_REVERSED", "SENSOR_OPEN")
-    for controller in ("firmware", "firmware-float"):
-        bench = wired(*five)
-        said = here("first-start", "--yes", "--json", "--seed", "1", "--controller", controller)
-        assert sorted(statuses(said, "fail")) == sorted(NAMED[name][0] for name in five), said.err
-        for name in five:
-            causes = items(said)[NAMED[name][0]]["causes"]
-            assert {net for cause in causes for net in cause["nets"]} == NAMED[name][1]
-        assert bench.made[-1].plant.drive.pulse_starts == 0
+    bench = wired(*five)
+    said = here("first-start", "--yes", "--json", "--seed", "1", "--controller", controller)
+    assert sorted(statuses(said, "fail")) == sorted(NAMED[name][0] for name in five), said.err
+    for name in five:
+        causes = items(said)[NAMED[name][0]]["causes"]
+        assert {net for cause in causes for net in cause["nets"]} == NAMED[name][1]
+    assert bench.made[-1].plant.drive.pulse_starts == 0
+    assert bench.is_off()
 
 
 def test_a_machine_is_repaired_by_what_is_named(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -618,9 +631,18 @@ def test_a_terminal_that_is_closed_ends_it(here: Here, wired: Any, monkeypatch: 
     assert bench.is_off()
 
 
-@pytest.mark.parametrize(("mistake", "failed"), [("", []), ("MONITOR_HALF", ["monitor"])])
-def test_a_served_machine_is_acted_on_by_a_file(here: Here, mistake: str, failed: list[str]) -> None:
-    bench = VirtualBench(BenchConfig(), 2)
+@pytest.mark.parametrize(
+    ("mistake", "failed", "controller"),
+    [
+        ("", [], "firmware"),
+        ("MONITOR_HALF", ["monitor"], "firmware"),
+        pytest.param("LEVEL_INVERTED", ["level"], "stm32", marks=EMULATOR),
+    ],
+)
+def test_a_served_machine_is_acted_on_by_a_file(
+    here: Here, mistake: str, failed: list[str], controller: str
+) -> None:
+    bench = VirtualBench(BenchConfig(controller=controller), 2)
     if mistake:
         bench.inject(parse_injection(mistake))
     acts, told = Path("hands"), list[str]()
