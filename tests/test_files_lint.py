@@ -24,6 +24,7 @@ LOADERS = {
     "shutil.copyfile",
     "shutil.copy",
 }
+METHODS = {"open", *READS, *(name.rpartition(".")[2] for name in LOADERS)}
 OPENED = "its beginning was read by files.open_regular"
 SOURCE = "sources of the program, or what was built of them"
 OWN = "made by this process a moment ago"
@@ -54,8 +55,10 @@ HARMLESS = ("os.devnull", "__file__", "'/proc/", "os.O_EXCL", "file.fileno()", "
 
 def opens(call: ast.Call) -> bool:
     """Whether a call opens or reads a file, as far as its text tells."""
+    method = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+    if method not in METHODS:
+        return False
     name = ast.unparse(call.func)
-    method = name.rpartition(".")[2]
     if name == "open" or name in LOADERS or ("." in name and method in READS):
         return True
     if method != "open" or "." not in name:

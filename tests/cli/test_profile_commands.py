@@ -15,6 +15,7 @@ from edmctl.planning.rules.load import load_profile
 from edmctl.profile.folders import shipped_profiles
 from edmctl.toml_text import toml_value
 from tests.cli.commands import CU270, ROOT, Here
+from tests.tiers import tiers
 
 
 def test_one_bad_file_does_not_hide_the_others(here: Here) -> None:
@@ -97,7 +98,10 @@ WORDS = (
 )
 
 
-@pytest.mark.parametrize("name", shipped_profiles())
+OTHER_PROFILES = [name for name in shipped_profiles() if name not in ("cu270", "channel-circle")]
+
+
+@pytest.mark.parametrize("name", tiers("cu270", "channel-circle", slow=OTHER_PROFILES))
 def test_a_profile_from_show_follows_every_later_override_as_the_original(here: Here, name: str) -> None:
     Path("again.toml").write_text(here("profile", "show", name).out, encoding="utf-8")
     loaded = load_profile(name)

@@ -28,6 +28,7 @@ from edmctl.results.run_file import FileEvent
 from tests.cli.commands import CU270, ROOT, Here, environment
 from tests.cli.run_files import begun, finished, killed
 from tests.record.samples import a_meta
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from edmctl.results.progress import Progress
@@ -164,7 +165,9 @@ def test_a_look_takes_every_row_since_the_one_before(tmp_path: Path) -> None:
     assert newest.time_left_s == pytest.approx((100.0 - newest.depth_um) * 1.5 / 0.3, rel=1e-3)
 
 
-@pytest.mark.parametrize("command", ["show", "explain", "plot", "export", "compare", "recover", "list"])
+@pytest.mark.parametrize(
+    "command", tiers("show", "export", "recover", slow=("explain", "plot", "compare", "list"))
+)
 def test_every_command_finds_a_run_by_its_id_and_by_its_coming_name(here: Here, command: str) -> None:
     Path("runs").mkdir()
     finished(Path("runs"), "first")

@@ -32,7 +32,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.mark.expensive("compiles the core")
 def test_failed_readings_and_words_end_safe(real: str, tmp_path: Path) -> None:
     """The cases of hostile.c: each failed reading in a cut, a dead generator, a reset at 150 V, lost words."""
-    command = program("hostile", real, tmp_path)
+    command = program("hostile", real, tmp_path, "-O0")
     subprocess.run(command, check=True)
     done = subprocess.run([command[-1]], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, "0 broken\n")

@@ -15,9 +15,10 @@ from edmctl.machine.interface import Axis, TelemetryFlag, TouchRequest
 from edmctl.machine.plausibility import contradicts_samples
 from edmctl.results.telemetry import TelemetryBlock
 from tests.machine.conftest import Rig
+from tests.tiers import tiers
 
 
-@pytest.mark.parametrize("samples", [3, 10, 30])
+@pytest.mark.parametrize("samples", tiers(10, slow=(3, 30)))
 def test_touches_must_be_what_the_samples_of_their_dwell_say(samples: int) -> None:
     random, doubted = Random(2), 0
     for _ in range(2_000):

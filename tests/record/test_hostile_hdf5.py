@@ -23,6 +23,7 @@ from edmctl.record.opening import Checksum, verify_checksum
 from edmctl.record.reader import open_run, reading
 from edmctl.record.run_index import heads_of, read_head
 from edmctl.results.run_file import Unreadable
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,9 +71,15 @@ PLACES = (
 
 @pytest.mark.parametrize(
     ("spoil", "place"),
-    [(vast, place) for place in PLACES]
-    + [(kind, "/entry/summary") for kind in KINDS[1:]]
-    + [(endless, "/entry/servo/time")],
+    tiers(
+        (vast, PLACES[0]),
+        (KINDS[1], "/entry/summary"),
+        (endless, "/entry/servo/time"),
+        slow=[
+            *((vast, place) for place in PLACES[1:]),
+            *((kind, "/entry/summary") for kind in KINDS[2:]),
+        ],
+    ),
 )
 def test_every_reader_of_a_run_file_says_so_or_does_not_need_it(
     run_path: Path, spoil: Callable[[h5py.File, str], None], place: str
