@@ -49,7 +49,7 @@ __all__ = [
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from edmctl.jobs.calibrate import CalibrationReport, CalibrationRequest, CheckedCalibration
+    from edmctl.jobs.calibrate import CalibrationReport, CalibrationRequest
     from edmctl.jobs.job import Report
     from edmctl.jobs.procedures import Procedure, ProcedureReport
     from edmctl.planning.rules.load import LoadedProfile
@@ -305,13 +305,15 @@ class Machine:
         record allows no fit: then a warning names the file that keeps it.
         """
         from edmctl.jobs.calibrate import calibrate_machine
+        from edmctl.jobs.calibrate import check as checked_calibration
 
         request = _calibration((), output, validate, refit, previous_v, delay_s)
         request = replace(
             request, setup=self._setup, port=self.port, wait_s=self._wait_s, controller=self._controller
         )
         doubts = _doubts(warn)
-        checked = _checked_calibration(request, self._surroundings(stop), doubts)
+        checked = checked_calibration(request, self._surroundings(stop))
+        doubts(checked.doubts)
         report = calibrate_machine(checked, seed_to_use(self.seed), _observer(observer), doubts)
         doubts(report.findings.warnings)
         return report
@@ -468,11 +470,13 @@ def calibrate_files(
     Raises UsageError, RecordError if a file cannot be used or allows no fit, RunFileError.
     """
     from edmctl.jobs.calibrate import calibrate_files as fitted
+    from edmctl.jobs.calibrate import check as checked_calibration
 
     refuse_wrong_clock()
     request = _calibration(files, output, validate, refit, previous_v, delay_s)
     doubts = _doubts(warn)
-    checked = _checked_calibration(request, Surroundings(), doubts)
+    checked = checked_calibration(request, Surroundings())
+    doubts(checked.doubts)
     report = fitted(checked, _observer(observer))
     doubts(report.findings.warnings)
     return report
@@ -513,19 +517,17 @@ def _texts(overrides: Overrides) -> tuple[str, ...]:
     if isinstance(overrides, str):
         return (overrides,)
     if isinstance(overrides, Mapping):
-        return tuple(f"{key}={_toml(key, value)}" for key, value in overrides.items())
+        for key, value in overrides.items():
+            try:
+                toml_value(value)
+            except TypeError as error:
+                raise TypeError(f"{key}: {error}") from None
+        return tuple(f"{key}={toml_value(value)}" for key, value in overrides.items())
     texts = tuple(overrides)
     for text in texts:
         if not isinstance(text, str):
             raise TypeError(f"overrides have to be a mapping or texts like 'key=value', not {text!r}")
     return texts
-
-
-def _toml(key: str, value: object) -> str:
-    try:
-        return toml_value(value)
-    except TypeError as error:
-        raise TypeError(f"{key}: {error}") from None
 
 
 def _steps(sweep: Mapping[str, Sequence[object]]) -> list[list[object]]:
@@ -555,17 +557,6 @@ def _calibration(
         delay_s=delay_s,
         output=_path(output),
     )
-
-
-def _checked_calibration(
-    request: CalibrationRequest, surroundings: Surroundings, warn: Warn
-) -> CheckedCalibration:
-    """Check the request, and warn about its files."""
-    from edmctl.jobs.calibrate import check as check_calibration
-
-    checked = check_calibration(request, surroundings)
-    warn(checked.doubts)
-    return checked
 
 
 def _file(name: str, given: File) -> Path:
