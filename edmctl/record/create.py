@@ -46,7 +46,7 @@ UNKNOWN = {"f8": np.nan, "i4": NO_EXIT_CODE, "i8": NO_SEED, "u1": 0, "text": "",
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """What a new run file has.
+    """Content of a new run file, without its rows.
 
     values : scalars by their paths, and arrays of grids, as far as they are known
     profile : values of the profile and their units by dotted keys

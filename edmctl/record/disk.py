@@ -196,7 +196,7 @@ class DiskThread:
     Parameters
     ----------
     attend : keeps a live machine company until its argument holds or some tenths of a second are over. None where
-        the machine's time stands while the host does something else: there writes run in the caller's thread
+        the machine's time stops while the host does something else: there writes run in the caller's thread
     """
 
     def __init__(self, attend: Callable[[Callable[[], bool]], object] | None = None) -> None:

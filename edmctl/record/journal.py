@@ -82,8 +82,8 @@ class JournalledJob:
 class Journal:
     """What a journal holds: the job, its state, when (UTC, s since 1970) and where the stages stood (µm).
 
-    `truth` is what a virtual bench in the same process knew, and `clock_s` its time: the calendar tells nothing of a
-    bench that stands still between commands. Elsewhere it is NaN.
+    `truth` contains the true values of a virtual bench in the same process, and `clock_s` its time: such a bench
+    rests between commands, so the calendar does not apply. Elsewhere it is NaN.
     """
 
     job: JournalledJob
@@ -128,7 +128,7 @@ class JournalFile:
         """Take a state: an urgent one is on the disk when the call returns, others every `PERIOD_S` at most.
 
         Raises RunFileError: E9040 where it cannot be written, E9009 where the disk hangs. Of a state that is not
-        urgent the next such call tells.
+        urgent the next such call raises them.
         """
         if not urgent and state.time_s - self._kept_s < PERIOD_S:
             return

@@ -1,6 +1,6 @@
 """Records and rows as JSON: dataclasses out of plain values, and rows appended to files, one JSON object a line.
 
-Each writer of rows has a file of its own, and nobody changes a line: a network disk keeps such files whole without
+Each writer of rows has a file of its own, and no line is changed: a network disk keeps such files whole without
 locks. A line that a crash has cut off is no row.
 """
 
@@ -38,7 +38,7 @@ def _hints(kind: Any) -> dict[str, Any]:
 def record_of(kind: type[T], values: Mapping[str, Any]) -> T:
     """Return the record whose fields are kept as plain values, as JSON has them: None for a float is NaN.
 
-    Raises TypeError or ValueError if the values are not those of such a record.
+    Raises TypeError or ValueError if the values do not fit such a record.
     """
     hints = _hints(kind)  # type: ignore[arg-type]
     if unknown := values.keys() - hints.keys():

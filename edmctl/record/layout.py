@@ -2,7 +2,7 @@
 
 NeXus classes and attributes (`default`, `signal`, `axes`, `auxiliary_signals`, `units`, `long_name`) let
 generic viewers plot at once; HDF5 dimension scales let xarray find the time axis. Signals are columns, one
-dataset each, and their group is an NXdata that plots by itself; only what nobody plots (events, touches, results)
+dataset each, and their group is an NXdata that plots by itself; only what is not plotted (events, touches, results)
 is a compound table.
 
 Full pulses are stored as the line carries them, in steps that their unit names (`0.1 us`): 6 bytes a pulse, of which

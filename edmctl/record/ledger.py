@@ -135,7 +135,7 @@ class WearMeasured:
 
 @dataclass(frozen=True, slots=True)
 class RunEnded:
-    """The run is over after `time_s`; what it machined stands before this line."""
+    """The run is over after `time_s`; the lines before have its holes."""
 
     run_file: str
     status: str
@@ -220,7 +220,7 @@ def _refuse_absurd(line: Line) -> None:
 
 
 def text_of(line: Line) -> str:
-    """Return the line as it stands in the file, with its end."""
+    """Return the line as it is in the file, with its end."""
     own = {"v": VERSION, "kind": _NAMES[type(line.entry)], "serial": line.serial, "utc_s": line.utc_s}
     values = to_json_value(own | {"bench_s": line.bench_s} | asdict(line.entry), is_exact=True)
     return json.dumps(values, ensure_ascii=False) + "\n"
@@ -297,7 +297,7 @@ def _lines(path: Path, data: bytes) -> Iterator[Line]:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[int]:
-    """Open the ledger for appending while nobody else does."""
+    """Open the ledger for appending, for one program at a time."""
     descriptor = open_descriptor(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
     with ExitStack() as held:
         held.callback(os.close, descriptor)
@@ -330,7 +330,7 @@ class ToolAccount:
     `pad_um` counts from the tool's home at 0 V, NaN before the first touch. `holes` are all of the tool, `since`
     those after its reference;
     `lost_before_um` is what it lost up to then. `reference_utc_s` and `reference_bench_s` are when, as in `Line`.
-    `killed` are its jobs since its last touch that never ended: what they cost it nobody knows. `replaced_by` is the
+    `killed` are its jobs since its last touch that never ended, with an unknown wear. `replaced_by` is the
     tool for which it was taken out of the machine after its last reference, "" if it was not: clamped again, it has
     another length, so `reference` is None and `pad_um` NaN then.
     """
@@ -392,7 +392,7 @@ class MachineHistory:
 def history_of(lines: Iterable[Line], serial: str) -> MachineHistory:
     """Replay the lines of the machine with that serial number.
 
-    Places of a job whose end was never written count as holes of unknown depth: nobody knows how far it came.
+    Places of a job whose end was never written count as holes of unknown depth.
     """
     history, open_jobs = MachineHistory(), dict[str, JobBegun]()
     for line in lines:
@@ -465,7 +465,7 @@ def _take_reference(history: MachineHistory, entry: ReferenceTouched, line: Line
 
 
 def _take_site(history: MachineHistory, entry: SiteMachined) -> None:
-    """Add a hole; one that was taken up again stands in the place of its first part, wear and all.
+    """Add a hole; one that was taken up again replaces its first part, wear and all.
 
     A job that was resumed writes once more what it had measured before; that changes nothing of the tool.
     """

@@ -38,7 +38,7 @@ def are_known(folder: Path) -> bool:
     """Whether files in a folder, or its parent until it is there, can be locked; yes where that cannot be known."""
     while not folder.is_dir() and folder != folder.parent:
         folder = folder.parent
-    # Network disks lock folders by themselves: only a file tells.
+    # Network disks lock folders by themselves: only a file shows it.
     with suppress(OSError), tempfile.NamedTemporaryFile(prefix=".edmctl-", dir=folder) as file:
         return _takes_lock(file.fileno())
     return True

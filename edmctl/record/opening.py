@@ -243,7 +243,8 @@ def image_of(fill: Callable[[h5py.File], None], **how: object) -> bytes:
 
     It is built in memory, because HDF5 does not survive a disk that fills up while it creates objects.
     """
-    name = f"image {get_ident()}"  # HDF5 goes by names, in memory as well: other threads have theirs open
+    # HDF5 distinguishes files by name, in memory as well: other threads have theirs open.
+    name = f"image {get_ident()}"
     with h5py.File(name, "w", driver="core", backing_store=False, **how) as file:
         fill(file)
         file.flush()

@@ -347,7 +347,7 @@ class RecordedState(IntEnum):
 
 
 JUMP_DONE, TOUCH = 5, 6
-"""Codes of events of the controller; those of procedures are `RunEvent`."""
+"""Codes of two events of the controller; procedures use `RunEvent`."""
 
 
 @dataclass(frozen=True, slots=True)

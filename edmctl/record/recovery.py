@@ -262,7 +262,7 @@ def _write_rows(source: Source, path: str, made: h5d.DatasetID, pool: ThreadPool
 
 
 def _filtered(values: NDArray[np.generic], chunk_rows: int) -> bytes:
-    """What HDF5's filters shuffle and gzip make of a chunk; a last one that is not full is filled with zeros."""
+    """Return a chunk as HDF5's filters shuffle and gzip make it; a last one that is not full ends in zeros."""
     size = values.dtype.itemsize
     planes = np.zeros((size, chunk_rows), np.uint8)
     planes[:, : len(values)] = values.view(np.uint8).reshape(len(values), size).T
@@ -396,12 +396,12 @@ def refuse(path: Path, target: Path) -> None:
 
 
 def _temporary(target: Path, ending: str) -> Path:
-    """What a file is called while this process makes it."""
+    """Name of a file while this process makes it."""
     return target.with_name(f"{target.name}.{os.getpid()}{ending}")
 
 
 def _recovered(source: Source, content: Content, path: Path, target: Path) -> Recovered:
-    """Write the new file, with what it says of its end, and give it its name; an end of the run's own stays.
+    """Write the new file with its end, if the run had none, and give it its name.
 
     Raises what h5py raises, and RunFileError E9001 when the name was taken meanwhile.
     """

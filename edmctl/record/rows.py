@@ -287,7 +287,7 @@ class SourceText:
 
 
 def scalar(path: str, title: str, dtype: str = "text", units: str = TEXT, **options: Any) -> Any:
-    """Declare a value with a dataset of its own; `options` are those of `dataclasses.field`."""
+    """Declare a value with a dataset of its own; `options` go to `dataclasses.field`."""
     return field(metadata={"scalar": (f"/entry/{path}", dtype, units, title)}, **options)
 
 
@@ -356,5 +356,5 @@ def profile_leaves(profile: Mapping[str, object], prefix: str = "") -> dict[str,
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that the ending of `name` stands for; `1` when it names none."""
+    """Return the unit that the ending of `name` names; `1` if it names none."""
     return next((unit for suffix, unit in UNIT_SUFFIXES.items() if name.endswith(f"_{suffix}")), PURE)

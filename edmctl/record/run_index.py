@@ -197,7 +197,7 @@ def _head(run: RunFile) -> RunHead:
     results = run.fields(RESULTS.path, _RESULTS, ("site", *_WORDS))
     machining_time_s = float(np.sum(results["machining_time"])) if len(results) else math.nan
     if exit_code and len(results) > 1 and (left := left_site(run)):
-        # A mean tells of holes that are finished, where there are some.
+        # The means are of finished holes, where there are some.
         finished = [row["site"] != left.encode()[:32] for row in results]
         results = results[finished]
     words = {name: [one.decode(errors="replace") for one in results[name]] for name in _WORDS}

@@ -182,7 +182,7 @@ class Segment:
 FLUSH_INTERVAL_S = 0.5
 """Rows reach the disk at most this long, plus one block, after they were handed over."""
 CHUNK_CACHE_BYTES = 256 * 1024
-"""Of each of the 70 datasets: two of the largest chunks. HDF5 would keep up to 8 MB that nobody reads again."""
+"""Of each of the 70 datasets: two of the largest chunks. HDF5 would keep up to 8 MB that are never read again."""
 _ARGS_BYTES = next(np.dtype(c.dtype).itemsize for c in layout.EVENTS.columns if c.name == "args")
 
 
@@ -406,7 +406,7 @@ class BackgroundWriter:
         """Create `path`.partial, as `RunWriter.create` does, and start to write into it.
 
         waits : whether the caller is made to wait when the disk is too slow, instead of getting RunFileError
-        E9009; for a virtual machine, whose clock stands meanwhile. Raises RunFileError E9001, E9002.
+        E9009; for a virtual machine, whose clock stops meanwhile. Raises RunFileError E9001, E9002.
         """
         return cls(RunWriter.create(path, meta), waits=waits)
 

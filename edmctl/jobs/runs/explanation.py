@@ -38,7 +38,7 @@ DEBUG = 0
 class Jump:
     """One jump. `is_flushing`: arcs or shorts have shortened the period.
 
-    `shares` are those of arcs and shorts since the last jump, NaN if not recorded; `asking` caused this jump.
+    `shares` has the arcs and shorts since the last jump, NaN if not recorded; `asking` caused this jump.
     """
 
     time_s: float
