@@ -44,7 +44,7 @@ from edmctl.wording import plural
 DIGITS = 4
 """Significant digits of values that a design puts between two bounds: what a person would set."""
 RESERVED = (BLOCK, "mean", "error", "total")
-"""Rows of an analysis beside those of factors."""
+"""Rows of an analysis that are no factors."""
 MOST_RUNS = 20_000
 MOST_ALIASES = 40
 DEALT = 500

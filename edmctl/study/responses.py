@@ -124,7 +124,7 @@ def responses_of(result: Mapping[str, JsonValue], target_um: float | None) -> di
 def _uncertainties(
     values: Mapping[str, float], made: Iterable[Mapping[str, JsonValue]], mark: str
 ) -> dict[str, float]:
-    """Return uncertainties of the responses by those of depth and wear that are marked so in the result."""
+    """Return uncertainties that follow from the uncertainty (`u` or `u95`) of depth and wear in the result."""
     depth_um, wear_um = values["depth_um"], values["wear_um"]
     depth, wear = (_mean(_number(one, f"{name}_{mark}_um") for one in made) for name in ("depth", "wear"))
     found = {"depth_um": depth, "wear_um": wear}

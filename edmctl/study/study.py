@@ -1,4 +1,4 @@
-"""A study from Python: planned, run, asked and told, by jobs, people and other optimisers."""
+"""A study from Python: planned, run, and continued by jobs, people and other optimisers."""
 
 from __future__ import annotations
 

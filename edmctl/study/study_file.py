@@ -260,5 +260,5 @@ def _without(table: TomlTable, problems: Iterable[KeyPath]) -> TomlTable:
 
 
 def _table_of(path: KeyPath) -> KeyPath:
-    """The table in which a key stands: `study`, or an item of `factors`."""
+    """The table of a key: `study`, or an item of `factors`."""
     return path[:2] if len(path) > 1 and isinstance(path[1], int) else path[:1]

@@ -113,7 +113,7 @@ def refuse_without_room(state: StudyState, count: int) -> None:
 
 
 def suggested_runs(state: StudyState, settings: Sequence[Mapping[str, Value]]) -> list[PlannedRun]:
-    """Return new runs, one at each of `settings`, on machines that come after those of the design."""
+    """Return new runs, one at each of `settings`, on machines after the machines of the design."""
     return _added(state, RunKind.SUGGESTED, settings, _next_seed(state))
 
 

@@ -26,7 +26,7 @@ Cell = bool | int | float | str | None
 OF_EXECUTION = ("run_file", "run_sha256", "started", "duration_s", "host")
 """Columns of time and computer, the last ones: all others are equal however often a study is run."""
 WITHDRAWN = "none"
-"""What is told to take a value back."""
+"""The text that withdraws a value."""
 U95 = "_u95"
 _NOTHING: Mapping[str, tuple[str, str]] = MappingProxyType({})
 
@@ -178,7 +178,7 @@ def _value(name: str, text: str, manual: Mapping[str, Response]) -> float | None
 
 
 def refuse_untellable(response: Response, value: float) -> None:
-    """Raise UsageError E2105 where a value is no number, or lies beyond what a response can be told."""
+    """Raise UsageError E2105 where a value is no number, or beyond the bounds of a response."""
     name, unit = response.name, f" {response.unit}" if response.unit else ""
     if not abs(value) <= LARGEST:
         raise failures.response_not_measured(name=name, value=value)
@@ -190,7 +190,7 @@ def refuse_untellable(response: Response, value: float) -> None:
 
 
 def told_table(state: StudyState, path: Path) -> dict[int, dict[str, float | None]]:
-    """Return what a table tells of manual responses, by run: columns `run` and their names; others are ignored.
+    """Return the manual responses in a table, by run: columns `run` and their names; others are ignored.
 
     An empty cell tells nothing, `none` withdraws. A column `attempt` says which attempt was measured. Raises
     UsageError: E2104 there is no such run, E2105 a value is none, E2106 the table cannot be read, has no column for
@@ -241,7 +241,7 @@ def _refuse_other_attempt(run: StudyRun, text: str) -> None:
 
 
 def made_run(state: StudyState, number: int) -> StudyRun:
-    """Return a run that something can be told of. Raises UsageError E2104 for none, E2107 for one not made yet."""
+    """Return a run that was made. Raises UsageError E2104 for none, E2107 for one not made yet."""
     run = state.run(number)
     if run.row is None:
         raise failures.measured_run_not_made(number=number, command=state.folder.command("status"))

@@ -213,7 +213,7 @@ def differing_words(table: Anova) -> str:
 
 
 def _of_factors(table: Anova) -> list[AnovaRow]:
-    """Rows of factors and their products without those of blocks, the strongest first."""
+    """Rows of factors and their products, without blocks, the strongest first."""
     rows = [row for row in table.rows if row.name != BLOCK and row not in table.by_block]
     return sorted(rows, key=lambda row: -row.contribution_pct)
 

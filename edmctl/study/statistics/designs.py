@@ -141,7 +141,7 @@ FOURS = {
 
 
 def _with_four_levels(order: int, count: int) -> Levels:
-    """Return an array of 2 ** order runs with `count` columns of four levels, then those of two that are left."""
+    """Return an array of 2 ** order runs: `count` columns of four levels, then the remaining ones of two."""
     two, pairs = _of_two_levels(order), FOURS[order][:count]
     used = {number for a, b in pairs for number in (a, b, a ^ b)}
     four = [two[:, a - 1] * 2 + two[:, b - 1] for a, b in pairs]
@@ -203,7 +203,7 @@ class Fraction:
         return min((len(word) for word in self.defining_words()), default=None)
 
     def aliases(self, order: int = 2) -> list[tuple[tuple[Word, int], ...]]:
-        """Return the groups of effects up to `order` factors that cannot be told apart, each with its sign."""
+        """Return the groups of effects up to `order` factors that cannot be separated, each with its sign."""
         words = self.defining_words()
         groups, seen = [], set()
         for effect in _effects(self.factors, order):
@@ -253,7 +253,7 @@ def fraction_of(factors: int, generators: Sequence[str]) -> Fraction:
 
 
 def fraction_for(factors: int, resolution: int) -> Fraction:
-    """Return the smallest fraction of at least this resolution; of those of its size, one of the highest.
+    """Return the smallest fraction of at least this resolution; of equal size, one of the highest resolution.
 
     It is the whole factorial where none is smaller. Raises ValueError where the resolution is below 3.
     """

@@ -248,7 +248,7 @@ def anova(
     pooled: Sequence[Term] = (),
     by_block: Sequence[Term] = (),
 ) -> Anova:
-    """Return the table of `terms`; those of `pooled` count as error.
+    """Return the table of `terms`; the terms of `pooled` count as error.
 
     by_block : products of a factor and the blocks (`differing`), rows after the others; F of such a factor is over
         its own product
