@@ -16,13 +16,13 @@ from edmctl.files import json_of, read_bytes
 from edmctl.jobs.plan import MachineAddress
 from edmctl.procedures.job import REPORT_DELAY_S, Job
 from edmctl.procedures.monitoring.drift import contradicting_between_jobs_um_s, displacement_uncertainty
-from edmctl.process.rest_drift import CreepLeft
 from edmctl.profile.folders import creep_path
 from edmctl.profile.setup import Setup
 from edmctl.record.ledger import MachineHistory
 
 if TYPE_CHECKING:
     from edmctl.machine.controller import LinkMachine
+    from edmctl.process.rest_drift import CreepLeft
     from edmctl.simulator import VirtualBench
 
 
@@ -132,6 +132,8 @@ class CreepNote:
         """
         if self._is_new:
             return None
+        from edmctl.process.rest_drift import CreepLeft  # needs numpy, which a dry run does not load
+
         if self._path is None:
             return CreepLeft.none(0.0)
         try:

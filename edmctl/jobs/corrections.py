@@ -12,7 +12,6 @@ from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic
 from edmctl.procedures.job import CalibratedActuator
-from edmctl.process.rest_drift import DriftModel
 from edmctl.profile.folders import find_kept
 from edmctl.profile.model import Profile
 from edmctl.profile.read import read_source
@@ -22,6 +21,7 @@ from edmctl.wording import duration, plural
 
 if TYPE_CHECKING:  # needs numpy and pydantic's models of files
     from edmctl.actuator.model import ActuatorModel
+    from edmctl.process.rest_drift import DriftModel
     from edmctl.profile.calibration import Calibration, Parameters
 
 LOW_END_SHARE = 0.15

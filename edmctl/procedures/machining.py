@@ -9,7 +9,6 @@ from edmctl.machine.interface import Machine
 from edmctl.planning.forecast import hole_time_s, working_order
 from edmctl.planning.measuring import FACE_LIMIT_UM
 from edmctl.planning.removal import hole
-from edmctl.procedures.channel.procedure import machine_path, record_left_channel
 from edmctl.procedures.hole.decision import (
     Decision,
     judge_holes,
@@ -20,7 +19,6 @@ from edmctl.procedures.hole.decision import (
 )
 from edmctl.procedures.hole.knowledge import JobKnowledge
 from edmctl.procedures.hole.procedure import HoleProcedure
-from edmctl.procedures.hole.resuming import ResumedHole, check_last_hole
 from edmctl.procedures.job import Job, JobTally, StateStore, target_of
 from edmctl.procedures.monitoring.monitors import judge_job
 from edmctl.procedures.run import MOVING, JobRun
@@ -82,6 +80,8 @@ def run_job(
             record_results(run)
             last = judge_holes(run, last)
         else:
+            from edmctl.procedures.channel.procedure import machine_path  # most jobs make holes
+
             last = machine_path(run)
     if last is not None:
         raise ObjectiveMissed(last.missed, hint=last.hint, result=tally.result(), code=last.code)
@@ -90,7 +90,10 @@ def run_job(
 
 def _record_left(run: JobRun) -> None:
     record_left(run)
-    record_left_channel(run)
+    if run.profile.path is not None:
+        from edmctl.procedures.channel.procedure import record_left_channel
+
+        record_left_channel(run)
 
 
 def machine_sites(run: JobRun) -> Decision | None:
@@ -108,6 +111,8 @@ def _machine_left(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
     limits, resumed, done = TimeLimits(run), run.job.resumed, set(run.tally.sites)
     left = [site for site in working_order(run.profile, run.setup, run.job.sites) if site.name not in done]
     if resumed is not None and not resumed.begun and left:
+        from edmctl.procedures.hole.resuming import check_last_hole  # only resumed jobs need it
+
         check_last_hole(run, knowledge)
     for number, site in enumerate(left):
         used_up = _used_up(run, knowledge, left[number:])
@@ -116,6 +121,8 @@ def _machine_left(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
         open_site(run, site)
         decision = None
         if resumed is not None and resumed.begun and resumed.site == site.name:
+            from edmctl.procedures.hole.resuming import ResumedHole  # as above
+
             decision = ResumedHole(run, site, knowledge, limits).resume()
         if decision is None:
             _touch_surface(run, site, knowledge, left[number:])

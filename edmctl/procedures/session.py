@@ -21,6 +21,7 @@ import numpy as np
 
 from edmctl import failures
 from edmctl.actuator.inverse import jump_volts
+from edmctl.actuator.quick import identify_quick
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.errors import EdmError, LinkLost, MachineFault, PreconditionError, ProtocolMismatch, RunFileError
@@ -247,8 +248,6 @@ def _start_estimator(run: JobRun, block: TelemetryBlock) -> None:
     if calibration is not None:
         tracker, errors = _homed(calibration, record)
     elif cycles:
-        from edmctl.actuator.identification import identify_quick
-
         try:
             model, quick = identify_quick(record)
         except ValueError as error:

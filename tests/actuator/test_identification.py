@@ -5,8 +5,9 @@ import pytest
 
 from edmctl.actuator import waveforms as waves
 from edmctl.actuator.design import choose_design
-from edmctl.actuator.identification import fit_maxwell, identify, identify_quick
+from edmctl.actuator.identification import fit_maxwell, identify
 from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator
+from edmctl.actuator.quick import identify_quick
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import judge, validate
 from edmctl.simulator.actuator import VirtualActuator
