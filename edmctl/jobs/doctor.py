@@ -33,7 +33,7 @@ from edmctl.machine.interface import (
     TelemetryBlock,
     TelemetrySettings,
 )
-from edmctl.procedures.session import safe_state_on_error
+from edmctl.machine.stop import safe_state_on_error
 from edmctl.procedures.settings import motion_settings
 from edmctl.profile.calibration import load_calibration
 from edmctl.profile.folders import find_kept

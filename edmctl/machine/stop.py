@@ -1,10 +1,13 @@
-"""A stop request: set once by a signal handler, honoured by every wait of the machine."""
+"""How a machine is stopped: on an error, and on a request that a signal handler has set."""
 
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from edmctl.errors import Interrupted
+from edmctl.machine.interface import Machine
 
 
 class StopRequest:
@@ -35,3 +38,20 @@ class StopRequest:
         if self._signal_number is not None:
             name = signal.Signals(self._signal_number).name
             raise Interrupted(f"Stopped by {name}.", signal_number=self._signal_number)
+
+
+@contextmanager
+def safe_state_on_error(machine: Machine) -> Iterator[None]:
+    """Pulses off, retract, idle, when anything is raised inside; the error is then raised unchanged.
+
+    A failure of the safe stop itself becomes a note of that error and never replaces it: the controller's watchdog
+    reaches the safe state without the host.
+    """
+    try:
+        yield
+    except BaseException as error:
+        try:
+            machine.safe_stop()
+        except Exception as failure:
+            error.add_note(f"While stopping: {failure!r}")
+        raise

@@ -27,9 +27,9 @@ from edmctl.machine.interface import (
     TelemetrySettings,
     joined,
 )
+from edmctl.machine.stop import safe_state_on_error
 from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
 from edmctl.procedures.run import NO_PULSES
-from edmctl.procedures.session import safe_state_on_error
 from edmctl.procedures.settings import motion_settings, retract_v_s
 from edmctl.procedures.stages import CREEP_LOOK_S, CREEP_WAIT_S, READING_MARGIN_UM
 from edmctl.profile.setup import Setup

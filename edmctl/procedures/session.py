@@ -26,7 +26,8 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.errors import EdmError, LinkLost, MachineFault, PreconditionError, ProtocolMismatch, RunFileError
 from edmctl.machine.interface import SLICE_S, Machine, TelemetryBlock, joined
-from edmctl.procedures.estimation import SensorlessMachine, Tracker, home
+from edmctl.machine.stop import safe_state_on_error
+from edmctl.procedures.displacement_estimate import SensorlessMachine, Tracker, home
 from edmctl.procedures.job import CalibratedActuator, Job, JobTally, NoStateStore, StateStore
 from edmctl.procedures.monitoring.monitors import LinkMonitor, SensorMonitor, record_link
 from edmctl.procedures.monitoring.watch import Watch
@@ -42,23 +43,6 @@ LEAST_GAIN_UM_PER_V = 0.05  # half the least mean gain that a setup may have
 DAY_GAINS = (0.5, 2.0)
 """Limits of the gain of the day: that of a stage changes by percents, of another machine by tens of them."""
 REST_S = 1.0  # rest before the first swing, so that the record starts from an actuator at rest
-
-
-@contextmanager
-def safe_state_on_error(machine: Machine) -> Iterator[None]:
-    """Pulses off, retract, idle, when anything is raised inside; the error is then raised unchanged.
-
-    A failure of the safe stop itself becomes a note of that error and never replaces it: the controller's watchdog
-    reaches the safe state without the host.
-    """
-    try:
-        yield
-    except BaseException as error:
-        try:
-            machine.safe_stop()
-        except Exception as failure:
-            error.add_note(f"While stopping: {failure!r}")
-        raise
 
 
 @contextmanager

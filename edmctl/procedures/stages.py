@@ -15,7 +15,7 @@ from edmctl.errors import PreconditionError, stages_by_hand
 from edmctl.labels import PAD, PARKING
 from edmctl.machine.interface import Axis
 from edmctl.planning.channel import is_on_way, way_of_path
-from edmctl.procedures.hole.cut_planning import (
+from edmctl.procedures.hole.hole_estimate import (
     STANDARD_UNCERTAINTIES,
     ExpectedHole,
     expected_of_left,

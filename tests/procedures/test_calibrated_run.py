@@ -10,7 +10,7 @@ import pytest
 
 from edmctl.actuator.model import Estimator
 from edmctl.machine.interface import EventCode, MachineState, TelemetryBlock
-from edmctl.procedures.estimation import SPAN_S, FeedError, Trace
+from edmctl.procedures.displacement_estimate import SPAN_S, FeedError, Trace
 from edmctl.procedures.hole.cut import CLEARANCE_UM, jump_request
 from edmctl.procedures.job import CalibratedActuator
 from edmctl.procedures.machining import machine_sites

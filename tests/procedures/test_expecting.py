@@ -9,11 +9,9 @@ import pytest
 
 from edmctl.planning.measuring import estimate_of
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.hole.cut_planning import (
-    CutPlan,
-    CutStart,
+from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of
+from edmctl.procedures.hole.hole_estimate import (
     ExpectedHole,
-    energy_of,
     estimate_in_cut,
     expected_of_left,
     is_untouched,

@@ -9,7 +9,7 @@ import pytest
 
 from edmctl.errors import MachineFault, PreconditionError
 from edmctl.machine.interface import CutRequest, EventCode, MachineState, ScanLine
-from edmctl.procedures.estimation import SensorlessMachine
+from edmctl.procedures.displacement_estimate import SensorlessMachine
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.record.rows import RunEvent

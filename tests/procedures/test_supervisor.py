@@ -9,7 +9,7 @@ import pytest
 
 from edmctl.actuator.correction import SlowCorrection
 from edmctl.machine.interface import MachineState, TelemetryBlock
-from edmctl.procedures.estimation import Tracker, at_rest
+from edmctl.procedures.displacement_estimate import Tracker, at_rest
 from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of, first_plan
 from edmctl.procedures.servo.supervisor import StopReason, Supervisor
 from edmctl.record.rows import RunEvent

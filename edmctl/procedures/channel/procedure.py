@@ -26,17 +26,7 @@ from edmctl.procedures.channel.touching import (
     measure_floor,
     touch_untouched,
 )
-from edmctl.procedures.hole.cut_planning import (
-    BELIEF_U_REL,
-    FASTER,
-    STANDARD_UNCERTAINTIES,
-    ExpectedHole,
-    energy_of,
-    estimate_left,
-    is_untouched,
-    lengths,
-    with_cuts,
-)
+from edmctl.procedures.hole.cut_planning import energy_of
 from edmctl.procedures.hole.decision import (
     REMEDIES,
     Decision,
@@ -44,6 +34,16 @@ from edmctl.procedures.hole.decision import (
     missed,
     missed_by_fault,
     not_shown,
+)
+from edmctl.procedures.hole.hole_estimate import (
+    BELIEF_U_REL,
+    FASTER,
+    STANDARD_UNCERTAINTIES,
+    ExpectedHole,
+    estimate_left,
+    is_untouched,
+    lengths,
+    with_cuts,
 )
 from edmctl.procedures.hole.resuming import (
     BEYOND_UM,

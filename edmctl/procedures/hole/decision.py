@@ -14,7 +14,7 @@ from edmctl.dataclasses import dataclass
 from edmctl.labels import NOT_SHOWN_CODE, Basis, Verdict
 from edmctl.machine.faults import host_fault
 from edmctl.planning.measuring import cut_budget
-from edmctl.procedures.estimation import FeedError
+from edmctl.procedures.displacement_estimate import FeedError
 from edmctl.procedures.hole.cut import CutEnd, CutResult
 from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, following_plan
 from edmctl.procedures.job import HoleTarget, Job, target_of, verdict_of

@@ -9,10 +9,8 @@ from edmctl.dataclasses import replace
 from edmctl.labels import Basis
 from edmctl.planning.measuring import FACE_LIMIT_UM
 from edmctl.procedures.hole.cut import CutResult
-from edmctl.procedures.hole.cut_planning import (
-    CutPlan,
-    CutStart,
-    energy_of,
+from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of
+from edmctl.procedures.hole.hole_estimate import (
     estimate_in_cut,
     estimate_left,
     expected_of_left,

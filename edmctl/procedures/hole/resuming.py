@@ -12,7 +12,10 @@ import math
 from edmctl import failures
 from edmctl.errors import MachineFault, PreconditionError
 from edmctl.procedures.hole.cut import NO_SPARK
-from edmctl.procedures.hole.cut_planning import (
+from edmctl.procedures.hole.cut_planning import through_plan
+from edmctl.procedures.hole.decision import Decision, close_site
+from edmctl.procedures.hole.hole import Hole
+from edmctl.procedures.hole.hole_estimate import (
     STANDARD_UNCERTAINTIES,
     ExpectedHole,
     expected_of_finished,
@@ -20,10 +23,7 @@ from edmctl.procedures.hole.cut_planning import (
     is_untouched,
     other_tool,
     other_work,
-    through_plan,
 )
-from edmctl.procedures.hole.decision import Decision, close_site
-from edmctl.procedures.hole.hole import Hole
 from edmctl.procedures.hole.knowledge import JobKnowledge
 from edmctl.procedures.hole.procedure import HoleProcedure
 from edmctl.procedures.job import JobState

@@ -19,7 +19,7 @@ from edmctl.machine.interface import (
     TelemetryFlag,
     joined,
 )
-from edmctl.procedures.estimation import FeedError, Trace, Tracker
+from edmctl.procedures.displacement_estimate import FeedError, Trace, Tracker
 from edmctl.procedures.monitoring.drift import Rests
 from edmctl.process.rest_drift import CreepLags, CreepLeft, Rest
 from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent, ServoBlock

@@ -13,13 +13,8 @@ from typing import Any
 
 from edmctl.machine.interface import SLICE_S, MachineState, MachineStatus, TelemetryBlock, host_fault
 from edmctl.planning.forecast import forecast
-from edmctl.procedures.hole.cut_planning import (
-    CutPlan,
-    discharge_energy_j,
-    energy_of,
-    estimate_in_cut,
-    with_unseen,
-)
+from edmctl.procedures.hole.cut_planning import CutPlan, discharge_energy_j, energy_of
+from edmctl.procedures.hole.hole_estimate import estimate_in_cut, with_unseen
 from edmctl.procedures.job import Counts, RunningCut, target_of
 from edmctl.procedures.monitoring.watch import NEWEST_S
 from edmctl.procedures.run import JobRun, of_samples
