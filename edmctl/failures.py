@@ -343,8 +343,8 @@ def socket_unreadable(*, text: object) -> UsageError:
     )
 
 
-def injection_unreadable(*, error: object) -> UsageError:
-    return UsageError(f"{error}", hint="Say --fault NAME or --fault NAME@sparks+2.", code="E2043")
+def injection_unreadable(*, problem: object) -> UsageError:
+    return UsageError(f"{problem}", hint="Say --fault NAME or --fault NAME@sparks+2.", code="E2043")
 
 
 def bench_of_another_seed(*, bench_file: object, serial: object, seed: object) -> UsageError:
@@ -677,10 +677,10 @@ def image_setting_wrong(*, problem: object, remedy: object) -> UsageError:
     return UsageError(f"{problem}", hint=f"{remedy}", code="E2094")
 
 
-def folder_instead_of_study_file(*, path: object, path_2: object) -> UsageError:
+def folder_instead_of_study_file(*, path: object, quoted_path: object) -> UsageError:
     return UsageError(
         f"{path} is the folder of a study, and a study file is wanted.",
-        hint=f"Go on with it: `edmctl study resume {path_2}`.",
+        hint=f"Go on with it: `edmctl study resume {quoted_path}`.",
         code="E2100",
     )
 
@@ -911,10 +911,10 @@ def resume_series_with_options() -> UsageError:
     )
 
 
-def folder_has_series(*, folder: object, folder_2: object) -> UsageError:
+def folder_has_series(*, folder: object, quoted_folder: object) -> UsageError:
     return UsageError(
         f"{folder} has a series of runs already.",
-        hint=f"Go on with it: `edmctl simulate --resume {folder_2}`; or choose another folder with --out.",
+        hint=f"Go on with it: `edmctl simulate --resume {quoted_folder}`; or choose another folder with --out.",
         code="E2112",
     )
 
@@ -943,7 +943,7 @@ def table_not_text(*, problem: object, remedy: object) -> RecordError:
     return RecordError(f"{problem}", hint=f"{remedy}", code="E3602")
 
 
-def table_malformed_2(*, name: object, problem: object) -> RecordError:
+def table_without_columns(*, name: object, problem: object) -> RecordError:
     return RecordError(
         f"{name} {problem}.",
         hint="Name the columns in a line, and write a line per row below it.",
@@ -1118,9 +1118,9 @@ def no_model_fits(*, error: object) -> RecordError:
     )
 
 
-def lever_lengths_differ(*, size: object, size_2: object) -> RecordError:
+def lever_lengths_differ(*, stack_samples: object, tool_samples: object) -> RecordError:
     return RecordError(
-        f"{size} samples of the stacks' displacement, but {size_2} of the tool's",
+        f"{stack_samples} samples of the stacks' displacement, but {tool_samples} of the tool's",
         hint="Record both at the same instants.",
         code="E3620",
     )
@@ -1391,16 +1391,16 @@ def protocol_differs(
     name: object,
     major: object,
     minor: object,
-    schema_hash: int,
+    its_hash: int,
     proto_major: object,
     proto_minor: object,
-    schema_hash_2: int,
+    own_hash: int,
     verdict: object,
     ask: object,
     remedy: object,
 ) -> ProtocolMismatch:
     return ProtocolMismatch(
-        f"The controller at {name} speaks EDM Link {major}.{minor} (schema {schema_hash:08X}), this program {proto_major}.{proto_minor} (schema {schema_hash_2:08X}): {verdict}.{ask}",
+        f"The controller at {name} speaks EDM Link {major}.{minor} (schema {its_hash:08X}), this program {proto_major}.{proto_minor} (schema {own_hash:08X}): {verdict}.{ask}",
         hint=f"{remedy}",
         code="E5000",
     )
@@ -1704,8 +1704,8 @@ def reference_on_new_bench(*, bench_file: object, others: object, touch: object)
     )
 
 
-def place_on_earlier_work(*, message: object, hint: object, hint_2: object) -> PreconditionError:
-    return PreconditionError(f"{message}.", hint=f"{hint}{hint_2}.", code="E8042")
+def place_on_earlier_work(*, problem: object, remedy: object, remedy_end: object) -> PreconditionError:
+    return PreconditionError(f"{problem}.", hint=f"{remedy}{remedy_end}.", code="E8042")
 
 
 def place_near_pad(*, name: object, x_um: object, away_um: object, clear_um: float) -> PreconditionError:
@@ -1844,8 +1844,12 @@ def journal_of_later_version(*, path: object, later: object, version: object) ->
     )
 
 
-def journal_damaged(*, path: object, error: object, start_anew: object) -> PreconditionError:
-    return PreconditionError(f"The journal {path} is damaged: {error}.", hint=f"{start_anew}", code="E8052")
+def journal_damaged(*, path: object, error: object) -> PreconditionError:
+    return PreconditionError(
+        f"The journal {path} is damaged: {error}.",
+        hint="Without it nobody knows how deep the hole is. Machine it at another place or on new work.",
+        code="E8052",
+    )
 
 
 def job_differs(
@@ -1856,9 +1860,11 @@ def job_differs(
     )
 
 
-def machine_differs(*, serial: object, run_id: object, serial_2: object, port: object) -> PreconditionError:
+def machine_differs(
+    *, serial: object, run_id: object, serial_then: object, port: object
+) -> PreconditionError:
     return PreconditionError(
-        f"This is {serial}; {run_id} ran on {serial_2}, where its work is.",
+        f"This is {serial}; {run_id} ran on {serial_then}, where its work is.",
         hint=f"Name that machine with --port (it was {port}).",
         code="E8055",
     )
@@ -1943,22 +1949,22 @@ def reference_under_other_setup(
 def depth_contradicts_journal(
     *,
     site: object,
-    x_um: object,
+    place: object,
     depth_um: object,
-    depth_um_2: object,
+    expected_um: object,
     otherwise: object,
     stages_by_hand: object,
 ) -> PreconditionError:
     return PreconditionError(
-        f"{site} at {x_um} is {depth_um} µm deep; the journal expects {depth_um_2} µm.",
+        f"{site} at {place} is {depth_um} µm deep; the journal expects {expected_um} µm.",
         hint=f"Put the workpiece back as it was. {otherwise} {stages_by_hand}",
         code="E8060",
     )
 
 
-def wear_contradicts_journal(*, wear_um: object, wear_um_2: object) -> PreconditionError:
+def wear_contradicts_journal(*, wear_um: object, expected_um: object) -> PreconditionError:
     return PreconditionError(
-        f"The tool is {wear_um} µm shorter than before the hole; the journal expects {wear_um_2} µm.",
+        f"The tool is {wear_um} µm shorter than before the hole; the journal expects {expected_um} µm.",
         hint="It was changed or seated anew, and only the tool that began a hole can tell its own wear by touching. Machine another hole, at another place.",
         code="E8061",
     )
@@ -2026,15 +2032,19 @@ def no_compiler(*, install: object) -> PreconditionError:
     )
 
 
-def compiler_does_not_run(*, command: object, error: object, another: object) -> PreconditionError:
+def compiler_does_not_run(*, command: object, error: object) -> PreconditionError:
     return PreconditionError(
-        f"The C compiler {command} does not run: {error}.", hint=f"{another}", code="E8093"
+        f"The C compiler {command} does not run: {error}.",
+        hint="Name another one in CC, or unset it: then one of the system is taken.",
+        code="E8093",
     )
 
 
-def cc_unusable(*, error: object, named: object, another: object) -> PreconditionError:
+def cc_unusable(*, error: object, named: object) -> PreconditionError:
     return PreconditionError(
-        f"CC names no C compiler: {error} in {named!r}.", hint=f"{another}", code="E8093"
+        f"CC names no C compiler: {error} in {named!r}.",
+        hint="Name another one in CC, or unset it: then one of the system is taken.",
+        code="E8093",
     )
 
 
@@ -2284,9 +2294,9 @@ def dask_missing(*, install: object) -> PreconditionError:
     return PreconditionError("dask is not installed.", hint=f"Install it with {install}.", code="E8212")
 
 
-def dask_scheduler_silent(*, address: object, name__: object) -> PreconditionError:
+def dask_scheduler_silent(*, address: object, reason: object) -> PreconditionError:
     return PreconditionError(
-        f"No dask scheduler answers at {address}: {name__}.",
+        f"No dask scheduler answers at {address}: {reason}.",
         hint="Start one with `dask scheduler`, and workers with `dask worker ADDRESS`.",
         code="E8212",
     )
@@ -2416,26 +2426,36 @@ def run_file_unreadable(*, path: object, reason: object) -> RunFileError:
     )
 
 
-def not_a_run_file(*, path: object, another: object) -> RunFileError:
+def not_a_run_file(*, path: object) -> RunFileError:
     return RunFileError(
-        f"{path} is an HDF5 file, but not a run file of edmctl.", hint=f"{another}", code="E9005"
+        f"{path} is an HDF5 file, but not a run file of edmctl.",
+        hint="Give a file that a run has written (.h5 or .h5.partial).",
+        code="E9005",
     )
 
 
-def not_a_file(*, path: object, another: object) -> RunFileError:
-    return RunFileError(f"{path} is no file.", hint=f"{another}", code="E9005")
+def not_a_file(*, path: object) -> RunFileError:
+    return RunFileError(
+        f"{path} is no file.", hint="Give a file that a run has written (.h5 or .h5.partial).", code="E9005"
+    )
 
 
 def run_file_is_folder(*, path: object) -> RunFileError:
     return RunFileError(f"{path} is a folder.", hint=f"Try `edmctl run list {path}`.", code="E9005")
 
 
-def run_file_empty(*, path: object, another: object) -> RunFileError:
-    return RunFileError(f"{path} is empty.", hint=f"{another}", code="E9005")
+def run_file_empty(*, path: object) -> RunFileError:
+    return RunFileError(
+        f"{path} is empty.", hint="Give a file that a run has written (.h5 or .h5.partial).", code="E9005"
+    )
 
 
-def run_file_not_hdf5(*, path: object, another: object) -> RunFileError:
-    return RunFileError(f"{path} is not an HDF5 file.", hint=f"{another}", code="E9005")
+def run_file_not_hdf5(*, path: object) -> RunFileError:
+    return RunFileError(
+        f"{path} is not an HDF5 file.",
+        hint="Give a file that a run has written (.h5 or .h5.partial).",
+        code="E9005",
+    )
 
 
 def run_file_missing(*, path: object, remedy: object) -> RunFileError:
@@ -2450,19 +2470,19 @@ def folder_unreadable(*, folder: object, reason: object) -> RunFileError:
     )
 
 
-def run_file_of_later_version(*, path: object, schema: object, schema_2: object) -> RunFileError:
+def run_file_of_later_version(*, path: object, schema: object, own_schema: object) -> RunFileError:
     return RunFileError(
-        f"{path} was written by a later version of edmctl ({schema}; this one reads {schema_2}).",
+        f"{path} was written by a later version of edmctl ({schema}; this one reads {own_schema}).",
         hint="Update edmctl.",
         code="E9006",
     )
 
 
 def run_file_of_earlier_version(
-    *, path: object, maker: object, schema: object, schema_2: object
+    *, path: object, maker: object, schema: object, own_schema: object
 ) -> RunFileError:
     return RunFileError(
-        f"{path} was written by edmctl {maker}, an earlier version ({schema}; not {schema_2}).",
+        f"{path} was written by edmctl {maker}, an earlier version ({schema}; not {own_schema}).",
         hint="Read it with that version; its `edmctl run export` writes tables for other programs.",
         code="E9006",
     )
@@ -2514,13 +2534,13 @@ def output_exists(*, path: object, remedy: object) -> RunFileError:
     return RunFileError(f"{path} exists already and is not overwritten.", hint=f"{remedy}", code="E9011")
 
 
-def output_exists_2(*, path: object) -> RunFileError:
+def data_exists(*, path: object) -> RunFileError:
     return RunFileError(
         f"{path} exists already and is not overwritten.", hint="Choose another name.", code="E9011"
     )
 
 
-def output_not_written(*, elf: object, why: object) -> RunFileError:
+def image_not_written(*, elf: object, why: object) -> RunFileError:
     return RunFileError(
         f"Cannot write {elf}: {why}.",
         hint="Name a file in a folder that can be written with --output.",
@@ -2536,7 +2556,7 @@ def use_record_not_removed(*, path: object, reason: object) -> RunFileError:
     )
 
 
-def output_not_written_2(*, what: object, why: object, remedy: object) -> RunFileError:
+def output_not_written(*, what: object, why: object, remedy: object) -> RunFileError:
     return RunFileError(f"Cannot write {what}: {why}.", hint=f"{remedy}", code="E9012")
 
 
@@ -2548,7 +2568,7 @@ def calibration_name_too_long(*, path_count: object, longest_name: object) -> Ru
     )
 
 
-def output_not_written_3(*, path: object, error: object) -> RunFileError:
+def data_not_written(*, path: object, error: object) -> RunFileError:
     return RunFileError(
         f"Cannot write {path}: {error}.",
         hint="Check that its folder exists, can be written and has space.",
@@ -2564,8 +2584,8 @@ def run_still_written(*, path: object) -> RunFileError:
     )
 
 
-def nothing_of_that_name(*, message: object, meant: object, known: object) -> RunFileError:
-    return RunFileError(f"{message}.", hint=f"{meant}There are: {known}.", code="E9015")
+def nothing_of_that_name(*, problem: object, meant: object, known: object) -> RunFileError:
+    return RunFileError(f"{problem}.", hint=f"{meant}There are: {known}.", code="E9015")
 
 
 def run_file_closed(*, path: object) -> RunFileError:
@@ -2586,12 +2606,20 @@ def run_file_in_use(*, path: object, reason: object) -> RunFileError:
     )
 
 
-def not_a_bench(*, path: object, new_one: object) -> RunFileError:
-    return RunFileError(f"{path} is HDF5, but not the file of a bench.", hint=f"{new_one}", code="E9020")
+def not_a_bench(*, path: object) -> RunFileError:
+    return RunFileError(
+        f"{path} is HDF5, but not the file of a bench.",
+        hint="Give the file of a bench, or a name that is free for a new one.",
+        code="E9020",
+    )
 
 
-def bench_unreadable(*, path: object, why: object, new_one: object) -> RunFileError:
-    return RunFileError(f"The bench {path} cannot be read: {why}.", hint=f"{new_one}", code="E9020")
+def bench_unreadable(*, path: object, why: object) -> RunFileError:
+    return RunFileError(
+        f"The bench {path} cannot be read: {why}.",
+        hint="Give the file of a bench, or a name that is free for a new one.",
+        code="E9020",
+    )
 
 
 def bench_of_earlier_version(*, path: object) -> RunFileError:
@@ -2602,17 +2630,17 @@ def bench_of_earlier_version(*, path: object) -> RunFileError:
     )
 
 
-def saved_bench_does_not_fit(*, name__: object, error: object) -> RunFileError:
+def saved_bench_does_not_fit(*, kind: object, error: object) -> RunFileError:
     return RunFileError(
-        f"The saved bench does not fit this version: {name__} {error}.",
+        f"The saved bench does not fit this version: {kind} {error}.",
         hint="Use the version of edmctl that wrote the file, or begin a new bench under another name.",
         code="E9021",
     )
 
 
-def bench_of_later_version(*, path: object, schema: object, schema_2: object) -> RunFileError:
+def bench_of_later_version(*, path: object, schema: object, own_schema: object) -> RunFileError:
     return RunFileError(
-        f"The bench {path} was written by a later edmctl: schema {schema}, this one knows {schema_2}.",
+        f"The bench {path} was written by a later edmctl: schema {schema}, this one knows {own_schema}.",
         hint="Use that version of edmctl, or begin a new bench under another name.",
         code="E9022",
     )
@@ -2753,11 +2781,11 @@ def calibration_not_accepted(*, one: object, remedy: object) -> Diagnostic:
 
 
 def validation_beyond_fit(
-    *, record: object, low_v: float, high_v: float, low_v_2: float, high_v_2: float
+    *, record: object, low_v: float, high_v: float, fitted_low_v: float, fitted_high_v: float
 ) -> Diagnostic:
     return Diagnostic(
         "W3651",
-        f"{record} goes from {low_v:.4g} V to {high_v:.4g} V, the records that were fitted from {low_v_2:.4g} V to {high_v_2:.4g} V: beyond, the model guesses.",
+        f"{record} goes from {low_v:.4g} V to {high_v:.4g} V, the records that were fitted from {fitted_low_v:.4g} V to {fitted_high_v:.4g} V: beyond, the model guesses.",
         "Fit records over the whole range that will be used.",
         is_warning=True,
     )
@@ -2817,13 +2845,11 @@ def controller_option_without_effect(*, asked: object, selector: object) -> Diag
     )
 
 
-def image_of_another_version(
-    *, image: object, schema_hash: object, schema_hash_2: object, build: object
-) -> Diagnostic:
+def image_of_another_version(*, image: object, schema_hash: object, own_hash: object) -> Diagnostic:
     return Diagnostic(
         "W5001",
-        f"{image} speaks schema {schema_hash}, this edmctl {schema_hash_2}.",
-        f"Build the image of this edmctl: {build}.",
+        f"{image} speaks schema {schema_hash}, this edmctl {own_hash}.",
+        "Build the image of this edmctl: `edmctl firmware build --board stm32f4`.",
         is_warning=True,
     )
 
@@ -2955,10 +2981,10 @@ def tool_will_wear_out(*, lost: object, tool_wear_um: object, limit_um: object, 
     )
 
 
-def reference_at_another_speed(*, speed_um_s: float, speed_um_s_2: float) -> Diagnostic:
+def reference_at_another_speed(*, speed_um_s: float, speed_now_um_s: float) -> Diagnostic:
     return Diagnostic(
         "W8111",
-        f"The reference was touched at {speed_um_s:g} µm/s, measure.speed_um_s is {speed_um_s_2:g} µm/s: creep enters the two differently.",
+        f"The reference was touched at {speed_um_s:g} µm/s, measure.speed_um_s is {speed_now_um_s:g} µm/s: creep enters the two differently.",
         f"Say --set measure.speed_um_s={speed_um_s:g}.",
         is_warning=True,
     )
@@ -3010,20 +3036,20 @@ def bench_new_for_ledger(*, ledger: object, serial: object) -> Diagnostic:
 
 
 def reference_replaced(
-    *, label: object, z_um: object, z_um_2: object, run_file: object, worn_um: object
+    *, label: object, z_um: object, before_um: object, run_file: object, worn_um: object
 ) -> Diagnostic:
     return Diagnostic(
         "W8117",
-        f"Z1 of {label} is {z_um} now and replaces {z_um_2} of {run_file}: the {worn_um} that its jobs have worn since can no longer be measured.",
+        f"Z1 of {label} is {z_um} now and replaces {before_um} of {run_file}: the {worn_um} that its jobs have worn since can no longer be measured.",
         "If the touch was meant for another tool, name that with --profile and touch again.",
         is_warning=True,
     )
 
 
-def study_of_another_version(*, version: object, version__: object) -> Diagnostic:
+def study_of_another_version(*, version: object, own_version: object) -> Diagnostic:
     return Diagnostic(
         "W8203",
-        f"The study began with edmctl {version}; this is {version__}.",
+        f"The study began with edmctl {version}; this is {own_version}.",
         "Compare runs of both versions with care, or go on with the version that began it.",
         is_warning=True,
     )

@@ -327,7 +327,7 @@ def autocorrelation_time(residual: Array) -> float:
 
 def _refuse(stack: Array, tool: Array) -> None:
     if stack.shape != tool.shape or stack.ndim != 1:
-        raise failures.lever_lengths_differ(size=stack.size, size_2=tool.size)
+        raise failures.lever_lengths_differ(stack_samples=stack.size, tool_samples=tool.size)
     if len(stack) < LEAST_SAMPLES:
         raise failures.lever_samples_too_few(stack_count=len(stack), least_samples=LEAST_SAMPLES)
     if len(wrong := np.flatnonzero(~(np.isfinite(stack) & np.isfinite(tool)))):

@@ -165,7 +165,7 @@ def _not_written(elf: Path, error: OSError) -> RunFileError:
     for file in (elf.with_suffix(suffix) for suffix in SUFFIXES):
         if file.is_dir():
             why = f"{file} is a folder"
-    return failures.output_not_written(elf=elf, why=why)
+    return failures.image_not_written(elf=elf, why=why)
 
 
 def _not_built(reason: str) -> PreconditionError:

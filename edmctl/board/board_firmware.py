@@ -289,9 +289,6 @@ def image_doubts(image: ImageFacts) -> list[Diagnostic]:
         return []
     return [
         failures.image_of_another_version(
-            image=image.path,
-            schema_hash=hexadecimal(image.schema_hash),
-            schema_hash_2=hexadecimal(SCHEMA_HASH),
-            build=_BUILD,
+            image=image.path, schema_hash=hexadecimal(image.schema_hash), own_hash=hexadecimal(SCHEMA_HASH)
         )
     ]

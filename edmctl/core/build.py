@@ -61,7 +61,6 @@ _WHOLE = "-flto"
 LINGER_TICKS = 200
 """Telemetry of a virtual machine is sent so often at least, in ms."""
 _SECONDS = 600
-_ANOTHER = "Name another one in CC, or unset it: then one of the system is taken."
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +210,7 @@ def compiler(named: str = "") -> tuple[str, ...]:
         try:
             return tuple(shlex.split(named))
         except ValueError as error:
-            raise failures.cc_unusable(error=error, named=named, another=_ANOTHER) from error
+            raise failures.cc_unusable(error=error, named=named) from error
     if found := system_compiler():
         return (found,)
     if importlib.util.find_spec("ziglang") is not None:
@@ -225,9 +224,7 @@ def version_of(command: tuple[str, ...]) -> str:
         done = run_compiler([*command, "--version"])
         done.check_returncode()
     except (OSError, subprocess.SubprocessError) as error:
-        raise failures.compiler_does_not_run(
-            command=shlex.join(command), error=_reason(error), another=_ANOTHER
-        ) from error
+        raise failures.compiler_does_not_run(command=shlex.join(command), error=_reason(error)) from error
     return next(iter(done.stdout.splitlines()), "").strip()
 
 

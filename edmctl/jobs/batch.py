@@ -338,7 +338,7 @@ class SeriesRows:
     def refuse_begun(self, folder: Path) -> None:
         """Raise UsageError E2112 if the folder contains a series already."""
         if any(line.get("row") == BEGUN for line in self._lines):
-            raise failures.folder_has_series(folder=folder, folder_2=shlex.quote(str(folder)))
+            raise failures.folder_has_series(folder=folder, quoted_folder=shlex.quote(str(folder)))
 
     def series(self, folder: Path) -> Series:
         """Return the request. Raises UsageError E2111 if the folder contains no series."""

@@ -226,7 +226,11 @@ def _beyond(model: ActuatorModel, records: Sequence[Record]) -> list[Diagnostic]
             continue
         doubts.append(
             failures.validation_beyond_fit(
-                record=record.name, low_v=low_v, high_v=high_v, low_v_2=model.low_v, high_v_2=model.high_v
+                record=record.name,
+                low_v=low_v,
+                high_v=high_v,
+                fitted_low_v=model.low_v,
+                fitted_high_v=model.high_v,
             )
         )
     return doubts

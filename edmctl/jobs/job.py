@@ -140,7 +140,8 @@ def carry_out(
     true_wear: TrueWear | None = None
     with connected_run(plan, seed, observer, name, warn) as run:
         run.check_machine()
-        _refuse_other_machine(run.bench.serial, serial)
+        if serial and run.bench.serial != serial:
+            raise failures.another_machine_answers(found=run.bench.serial, wanted=serial)
         checkpoint = JobCheckpoint(run)
         ledger = JobLedger(run, checkpoint)
         if plan.resumed is not None:
@@ -167,11 +168,6 @@ def carry_out(
     if run.error is not None:
         tell_way_on(run.error, plan, name)
     return _report(run, true_wear)
-
-
-def _refuse_other_machine(found: str, wanted: str) -> None:
-    if wanted and found != wanted:
-        raise failures.another_machine_answers(found=found, wanted=wanted)
 
 
 @contextmanager

@@ -364,7 +364,7 @@ def _at_speed_of(reference: ReferenceTouched, plan: Plan, warn: Warn) -> Profile
         warn(
             [
                 failures.reference_at_another_speed(
-                    speed_um_s=reference.speed_um_s, speed_um_s_2=profile.measure.speed_um_s
+                    speed_um_s=reference.speed_um_s, speed_now_um_s=profile.measure.speed_um_s
                 )
             ]
         )
@@ -380,7 +380,7 @@ def _replaced(account: ToolAccount, z_um: float) -> list[Diagnostic]:
         failures.reference_replaced(
             label=account.label,
             z_um=length(z_um),
-            z_um_2=length(before.z_um),
+            before_um=length(before.z_um),
             run_file=before.run_file,
             worn_um=length(account.worn_um),
         )

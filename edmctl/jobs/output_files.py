@@ -70,7 +70,7 @@ def make_folder(folder: Path) -> None:
 
 def unwritable(what: str, why: str, hint: str) -> RunFileError:
     """Return the error E9012 for a file that cannot be written."""
-    return failures.output_not_written_2(what=what, why=why, remedy=hint)
+    return failures.output_not_written(what=what, why=why, remedy=hint)
 
 
 def _taken(path: Path, hint: str) -> RunFileError:

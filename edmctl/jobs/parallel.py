@@ -124,7 +124,7 @@ def dask_pool(address: str) -> Iterator[Pool]:
         make: Any = distributed.Client
         client = make(address, timeout=10, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as refused:
-        raise failures.dask_scheduler_silent(address=address, name__=type(refused).__name__) from refused
+        raise failures.dask_scheduler_silent(address=address, reason=type(refused).__name__) from refused
     try:
         with client:
             workers = sum(client.nthreads().values())

@@ -58,7 +58,9 @@ def refuse_elsewhere(resumption: Resumption, bench: ConnectedMachine, lines: Seq
     job, machine, virtual = resumption.job, bench.machine, bench.virtual
     serial = machine.identity.serial
     if serial != job.serial:
-        raise failures.machine_differs(serial=serial, run_id=job.run_id, serial_2=job.serial, port=job.port)
+        raise failures.machine_differs(
+            serial=serial, run_id=job.run_id, serial_then=job.serial, port=job.port
+        )
     latched = machine.latched_fault()
     if latched is not None:
         raise latched

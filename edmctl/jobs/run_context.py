@@ -20,7 +20,7 @@ from pathlib import Path
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass, field, replace
-from edmctl.errors import Diagnostic, EdmError, RunFileError
+from edmctl.errors import EdmError, RunFileError
 from edmctl.exitcodes import MEANING, ExitCode, error_exit_code
 from edmctl.jobs.connect import connected, introduction
 from edmctl.jobs.connected_machine import ConnectedMachine, CreepNote
@@ -228,7 +228,7 @@ def connected_run(
     if name is not None:
         refuse_place(name.path)
         if warn is not None and not are_known(name.path.parent):
-            warn([_no_locks(name.path.parent)])
+            warn([failures.no_file_locks(folder=name.path.parent)])
     run: RunContext | None = None
     try:
         is_fitted = plan.names_tool or plan.where.bench_file is None  # else a bench keeps its tool
@@ -246,10 +246,6 @@ def connected_run(
         if run is None:
             raise
         run.error = run.error or unkept
-
-
-def _no_locks(folder: Path) -> Diagnostic:
-    return failures.no_file_locks(folder=folder)
 
 
 def ending(error: BaseException) -> tuple[str, int]:

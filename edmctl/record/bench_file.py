@@ -38,7 +38,6 @@ _OTHER_PARTS = (json.JSONDecodeError, KeyError, TypeError, AttributeError, Memor
 """What comes of parts that are missing, of another kind or of absurd size."""
 _ARRAY = "array"
 """The one name in the place of an array: its type, shape and first byte."""
-_NEW_ONE = "Give the file of a bench, or a name that is free for a new one."
 
 
 @contextmanager
@@ -115,9 +114,9 @@ def read_bench(path: Path) -> State:
         with open_hdf5(path) as file:
             kind, schema = file.attrs.get("kind"), file.attrs.get("schema")
             if not (isinstance(kind, str) and kind == KIND and isinstance(schema, np.integer)):
-                raise failures.not_a_bench(path=path, new_one=_NEW_ONE)
+                raise failures.not_a_bench(path=path)
             if schema > SCHEMA:
-                raise failures.bench_of_later_version(path=path, schema=int(schema), schema_2=SCHEMA)
+                raise failures.bench_of_later_version(path=path, schema=int(schema), own_schema=SCHEMA)
             if schema < SCHEMA:
                 raise failures.bench_of_earlier_version(path=path)
             text, arrays = _bytes(file["state"]), _bytes(file["arrays"])
@@ -193,7 +192,7 @@ def _hash_of(text: bytes, arrays: bytes) -> str:
 
 
 def _unreadable(path: Path, why: str) -> RunFileError:
-    return failures.bench_unreadable(path=path, why=why, new_one=_NEW_ONE)
+    return failures.bench_unreadable(path=path, why=why)
 
 
 def _unwritable(path: Path, refused: OSError) -> RunFileError:

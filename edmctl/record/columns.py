@@ -89,9 +89,9 @@ def write_columns(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> Non
     try:
         disk.write_new(path, content)
     except FileExistsError:
-        raise failures.output_exists_2(path=path) from None
+        raise failures.data_exists(path=path) from None
     except OSError as error:
-        raise failures.output_not_written_3(path=path, error=disk.reason(error)) from error
+        raise failures.data_not_written(path=path, error=disk.reason(error)) from error
 
 
 def read_text(content: bytes, name: str, needed: Sequence[str] = WANTED) -> dict[str, Array]:

@@ -119,7 +119,7 @@ class Table:
         if (longest := max(map(len, lines))) > LONGEST_LINE:
             problem = f"has a line of {longest} characters"
         if problem:
-            raise failures.table_malformed_2(name=name, problem=problem)
+            raise failures.table_without_columns(name=name, problem=problem)
         has_units = all(map(_UNIT.fullmatch, _words(lines[above[-1]])))
         nearest = plain[0] if above == filled else above[-2:][0] if has_units else above[-1]
         self.header = max((nearest, *above), key=lambda k: len(_names(lines[k], wanted)[2]))

@@ -30,7 +30,6 @@ SUFFIX = ".journal"
 Texts = dict[int, tuple[object, str]]
 """Canonical JSON text of values by their identity; the value is kept so that its identity is not reused."""
 _SEPARATOR = ","
-_START_ANEW = "Without it nobody knows how deep the hole is. Machine it at another place or on new work."
 
 
 class State(Protocol):
@@ -204,7 +203,7 @@ def read_journal(path: Path) -> Journal:
             raise ValueError("its content does not fit its check sum")
         return record_of(Journal, content)
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
-        raise failures.journal_damaged(path=path, error=error, start_anew=_START_ANEW) from error
+        raise failures.journal_damaged(path=path, error=error) from error
 
 
 def _text(journal: Journal, texts: Texts) -> bytes:

@@ -282,9 +282,6 @@ def _limit() -> Callable[[int, int], int] | None:
     return limit
 
 
-_ANOTHER = "Give a file that a run has written (.h5 or .h5.partial)."
-
-
 def open_file(path: Path, *, verify: bool = True) -> h5py.File:
     """Open the run file at `path`; without `verify` its check sum is not compared, which takes reading all of it.
 
@@ -333,13 +330,13 @@ def refuse_unreadable(path: Path) -> None:
         if path.is_dir():
             raise failures.run_file_is_folder(path=path)
         if path.exists() and not path.is_file():
-            raise failures.not_a_file(path=path, another=_ANOTHER)
+            raise failures.not_a_file(path=path)
         with open_regular(path) as file:
             begin = file.read(len(MAGIC))
         if not begin:
-            raise failures.run_file_empty(path=path, another=_ANOTHER)
+            raise failures.run_file_empty(path=path)
         if begin != MAGIC:
-            raise failures.run_file_not_hdf5(path=path, another=_ANOTHER)
+            raise failures.run_file_not_hdf5(path=path)
         refuse_locked(path)
         _refuse_holes(path)
     except BlockingIOError as error:
@@ -371,12 +368,12 @@ def refuse_foreign(path: Path, file: h5py.File) -> None:
     name, _, version = schema.partition("/")
     present_name, _, present = layout.SCHEMA.partition("/")
     if name != present_name or not version.isdigit():
-        raise failures.not_a_run_file(path=path, another=_ANOTHER)
+        raise failures.not_a_run_file(path=path)
     if int(version) > int(present):
-        raise failures.run_file_of_later_version(path=path, schema=schema, schema_2=layout.SCHEMA)
+        raise failures.run_file_of_later_version(path=path, schema=schema, own_schema=layout.SCHEMA)
     if int(version) < int(present):
         raise failures.run_file_of_earlier_version(
-            path=path, maker=maker, schema=schema, schema_2=layout.SCHEMA
+            path=path, maker=maker, schema=schema, own_schema=layout.SCHEMA
         )
 
 

@@ -328,7 +328,7 @@ def _column(path: str, name: str) -> Column:
 def _unknown(message: str, name: str, known: Sequence[str]) -> RunFileError:
     close = difflib.get_close_matches(name, known, n=1)
     meant = f"Did you mean {close[0]}? " if close else ""
-    return failures.nothing_of_that_name(message=message, meant=meant, known=", ".join(known))
+    return failures.nothing_of_that_name(problem=message, meant=meant, known=", ".join(known))
 
 
 class RecordedState(IntEnum):

@@ -106,7 +106,7 @@ def restored_bench(state: State) -> VirtualBench:
         _restore_plant(bench.plant, plant)
         _restore_controller(bench.controller, controller)
     except (KeyError, IndexError, TypeError, ValueError, ArithmeticError, MemoryError) as error:
-        raise failures.saved_bench_does_not_fit(name__=type(error).__name__, error=error) from error
+        raise failures.saved_bench_does_not_fit(kind=type(error).__name__, error=error) from error
     bench.controller.reset(ResetCause.POWER_ON)
     bench.controller.link.take_output()  # nobody was there to hear it
     return bench

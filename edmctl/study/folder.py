@@ -517,4 +517,4 @@ def version_warning(folder: StudyFolder) -> list[Diagnostic]:
     """Return a warning where another version began the study."""
     if folder.version == __version__:
         return []
-    return [failures.study_of_another_version(version=folder.version, version__=__version__)]
+    return [failures.study_of_another_version(version=folder.version, own_version=__version__)]

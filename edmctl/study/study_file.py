@@ -205,7 +205,7 @@ def read_study(path: Path) -> StudySource:
     Raises ProfileError where a table is missing, UsageError E2100 where there is no file.
     """
     if path.is_dir() and (path / "plan.json").is_file():
-        raise failures.folder_instead_of_study_file(path=path, path_2=shlex.quote(str(path)))
+        raise failures.folder_instead_of_study_file(path=path, quoted_path=shlex.quote(str(path)))
     source = read_source(path)
     sources, table = Sources((source,), source), parse(source)
     if "study" not in table and {"servo", "target", "extends"} & set(table):

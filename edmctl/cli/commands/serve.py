@@ -317,4 +317,4 @@ def _injections(texts: list[str] | None) -> tuple["Injection", ...]:
     try:
         return tuple(parse_injection(text) for text in texts or ())
     except ValueError as error:
-        raise failures.injection_unreadable(error=error) from error
+        raise failures.injection_unreadable(problem=error) from error

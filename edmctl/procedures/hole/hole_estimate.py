@@ -188,9 +188,9 @@ def other_work(site: Place, found: DepthAndWear, expected: DepthAndWear, *, begu
         otherwise = "For new work, order the places that are left as a job of their own."
     return failures.depth_contradicts_journal(
         site=site.name,
-        x_um=coordinates(site.x_um, site.y_um),
+        place=coordinates(site.x_um, site.y_um),
         depth_um=with_u95(found.depth_um, found.depth.u95),
-        depth_um_2=with_u95(expected.depth_um, half_width(expected.depth.u)),
+        expected_um=with_u95(expected.depth_um, half_width(expected.depth.u)),
         otherwise=otherwise,
         stages_by_hand=stages_by_hand(),
     )
@@ -200,5 +200,5 @@ def other_tool(found: DepthAndWear, expected: DepthAndWear) -> PreconditionError
     """Return E8061: the hole is that deep, but the tool is not as long as it was left."""
     return failures.wear_contradicts_journal(
         wear_um=with_u95(found.wear_um, found.wear.u95),
-        wear_um_2=with_u95(expected.wear_um, half_width(expected.wear.u)),
+        expected_um=with_u95(expected.wear_um, half_width(expected.wear.u)),
     )
