@@ -197,6 +197,7 @@ def test_a_calibration_has_errors_and_acceptance_and_is_used(tmp_path: Path) -> 
     assert wear.reached
 
 
+@pytest.mark.slow
 def test_measured_files_are_fitted_without_a_machine(tmp_path: Path) -> None:
     from edmctl.actuator.waveforms import sampled, slow_legs
     from edmctl.simulator.actuator import HIGH_V, RATE_HZ, VirtualActuator

@@ -199,6 +199,7 @@ def test_a_machines_model_is_validated_on_files_too_and_lost_telemetry_is_doubtf
     assert (warning["code"], warning["message"][:8]) == ("W3611", "2 frames")
 
 
+@pytest.mark.slow
 def test_a_calibration_changes_no_later_run_of_the_same_seed(here: Here, quick: None) -> None:
     job = ("machine", *SHALLOW, "--seed", "3", "--json", "--quiet")
     before = here(*job).document["result"]

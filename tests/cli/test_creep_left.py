@@ -99,6 +99,7 @@ def test_a_note_that_was_tampered_with_is_none_and_keeps_nobody_waiting(
     assert found.unknown_s == 0.0
 
 
+@pytest.mark.slow
 def test_a_job_after_a_use_that_nobody_followed_says_so(home: Path, here: Here) -> None:
     Path("quick.toml").write_text("[drift]\nhold_s = 30.0\ninterval_s = 25.0\n", encoding="utf-8")
     drift = ("measure-drift", "--profile", "cu270", "--setup", "quick.toml", "--duration", "300", "--quiet")

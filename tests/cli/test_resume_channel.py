@@ -288,6 +288,7 @@ def test_a_hole_through_a_sheet_is_finished_wherever_it_was_left(
     assert abs(site["wear_um"] - site["truth"]["wear_um"]) <= site["wear_u95_um"]
 
 
+@pytest.mark.slow
 def test_a_sheet_that_was_left_just_after_the_breakthrough_is_open(
     here: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -368,6 +368,7 @@ def test_over_a_short_time_rests_tell_no_drift() -> None:
     assert belief(run, "sensor.drift_um_per_s").seen is labels.Seen.NOT
 
 
+@pytest.mark.slow
 def test_beliefs_that_are_right_are_contradicted_once_in_twenty() -> None:
     """Slopes as the setup believes, seen with the scatter of the touches."""
     noise, alarms, trials = np.random.default_rng(5), 0, 300

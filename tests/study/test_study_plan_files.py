@@ -190,7 +190,7 @@ def mutated(document: Any, data: st.DataObject) -> Any:
 
 
 @pytest.mark.parametrize("examples", tiers(12, slow=[150]))
-@pytest.mark.parametrize("part", ["plan", "row"])
+@pytest.mark.parametrize("part", tiers("plan", slow=["row"]))
 def test_no_change_of_a_file_is_an_internal_error(whole: Path, part: str, examples: int) -> None:
     change = change_plan if part == "plan" else change_row
 
