@@ -1,7 +1,7 @@
 """Golden digests of plant, controller and operators: every byte on the line in sessions and schedules, the plant.
 
     python -m tests.simulator.golden_core --record "why they change"
-    python -m tests.simulator.golden_core --check [--sample] [--build FOLDER [--flags=-O1] | --library FILE]
+    python -m tests.simulator.golden_core --check [--build FOLDER [--flags=-O1] | --library FILE]
 
 `--record` writes golden_core.json anew: digests of the sessions of benchmarks/kernel.py, of random schedules and of
 wide random schedules (tests/firmware/schedules.py), of the actuator model's operators on random banks
@@ -74,14 +74,12 @@ def operators(seed: int) -> str:
     return operator_banks.digest_of(seed)[:DIGITS]
 
 
-def digests_now(*, is_sample: bool = False) -> dict[str, dict[str, str]]:
-    """Return the digests now, of all sessions and schedules or of a sample."""
-    names = SAMPLE if is_sample else tuple(kernel.sessions())
-    some, some_wide = SAMPLE_SEEDS if is_sample else (len(SCHEDULES), len(WIDE))
+def digests_now() -> dict[str, dict[str, str]]:
+    """Return the digests now."""
     return {
-        "sessions": {name: session(name) for name in names},
-        "schedules": {str(seed): schedule(Schedule, seed) for seed in SCHEDULES[:some]},
-        "wide": {str(seed): schedule(WideSchedule, seed) for seed in WIDE[:some_wide]},
+        "sessions": {name: session(name) for name in kernel.sessions()},
+        "schedules": {str(seed): schedule(Schedule, seed) for seed in SCHEDULES},
+        "wide": {str(seed): schedule(WideSchedule, seed) for seed in WIDE},
         "operators": {str(seed): operators(seed) for seed in BANKS},
     }
 
@@ -101,10 +99,10 @@ def use_library(file: Path) -> None:
     build.packaged = lambda *_: file
 
 
-def check(*, is_sample: bool) -> int:
+def check() -> int:
     """Print how many digests are the recorded ones; return the exit code."""
     recorded, differing = golden(), 0
-    for group, now in digests_now(is_sample=is_sample).items():
+    for group, now in digests_now().items():
         others = [name for name, digest in now.items() if digest != recorded[group][name]]
         print(f"{len(now) - len(others)} of {len(now)} {group} as recorded", *others)
         differing += len(others)
@@ -127,7 +125,6 @@ def main() -> int:
     act = parser.add_mutually_exclusive_group(required=True)
     act.add_argument("--record", metavar="REASON")
     act.add_argument("--check", action="store_true")
-    parser.add_argument("--sample", action="store_true")
     parser.add_argument("--build", type=Path, metavar="FOLDER")
     parser.add_argument("--flags", default="")
     parser.add_argument("--library", type=Path, metavar="FILE")
@@ -137,7 +134,7 @@ def main() -> int:
     if arguments.build:
         use_library_built_with(arguments.flags, arguments.build)
     if arguments.check:
-        return check(is_sample=arguments.sample)
+        return check()
     record(arguments.record)
     return 0
 

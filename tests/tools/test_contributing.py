@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 KEY, FAULT, FIELD = re.findall(
     r"^```diff\n(.*?)^```$", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.S | re.M
 )
-COPIED = ("edmctl", "firmware", "profiles", "studies", "tests", "tools", "docs", "pyproject.toml")
+COPIED = ("edmctl", "firmware", "profiles", "studies", "tests", "tools", "docs")
 
 
 def apply(tree: Path, diff: str) -> None:
@@ -36,10 +36,8 @@ def test_an_example_fits_the_sources(diff: str, tmp_path: Path) -> None:
 @pytest.mark.needs("git", "ruff")
 def test_the_examples_do_what_is_said(tmp_path: Path) -> None:
     for name in COPIED:
-        if (ROOT / name).is_dir():
-            shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
-        else:
-            shutil.copyfile(ROOT / name, tmp_path / name)
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copyfile(ROOT / "pyproject.toml", tmp_path / "pyproject.toml")
     for diff in (KEY, FAULT, FIELD):
         apply(tmp_path, diff)
 
