@@ -25,10 +25,8 @@ def test_every_message_can_be_made(each: Definition) -> None:
         for name, parameter in inspect.signature(function).parameters.items()
     }
     made = function(**values)
-    slots = {
-        name for text in (each.message, each.hint) for _, name, _, _ in string.Formatter().parse(text) if name
-    }
-    assert set(values) == slots
+    parsed = string.Formatter().parse(each.message + each.hint)
+    assert set(values) == {name for _, name, _, _ in parsed if name}
     assert made.code == each.code
     text = made.message + made.hint
     assert "{" not in text
