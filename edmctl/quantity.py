@@ -47,6 +47,13 @@ def half_width(u: float, dof: float = math.inf, p: float = 0.95) -> float:
     return coverage_factor(p, dof) * u
 
 
+@lru_cache
+def _gauss_legendre() -> tuple[Any, Any]:
+    from numpy.polynomial.legendre import leggauss
+
+    return leggauss(48)
+
+
 @lru_cache(4096)
 def coverage_factor(p: float, dof: float = math.inf) -> float:
     """Return the two-sided quantile of Student's t distribution at probability `p`, within 1e-9.
@@ -63,7 +70,7 @@ def coverage_factor(p: float, dof: float = math.inf) -> float:
         return t * (1.0 + (t * t + 1.0) / (4.0 * dof))
     import numpy as np  # the forecast of a job needs normal quantiles only
 
-    nodes, weights = np.polynomial.legendre.leggauss(48)
+    nodes, weights = _gauss_legendre()
     scale = 2.0 * math.exp(math.lgamma(0.5 * (dof + 1.0)) - math.lgamma(0.5 * dof)) / math.sqrt(math.pi)
     step = t
     while abs(step) > 1e-10 * t:
