@@ -54,7 +54,7 @@ class Diagnostic:
 
 
 class EdmWarning(UserWarning):
-    """What is doubtful about a job, in Python where nobody is handed it: code, message and remedy."""
+    """A warning about a job in Python: code, message and remedy."""
 
 
 class EdmError(Exception):
@@ -75,7 +75,7 @@ class EdmError(Exception):
         self.add_note(str(Diagnostic(self.code, "", hint, where)))
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Travel between processes as what it is: class, message and all that it holds."""
+        """Pickle class, message and all attributes."""
         return _again, (type(self), self.args, self.__dict__)
 
 
@@ -88,14 +88,12 @@ def _again(kind: type[EdmError], args: tuple[object, ...], held: dict[str, objec
 
 class UsageError(EdmError):
     exit_code = 2
-    default_code = "E2000"
 
 
 class ProfileError(EdmError):
-    """Every problem of a profile at once; `message` and `where` are those of the first."""
+    """All problems of a profile; `message` and `where` belong to the first error."""
 
     exit_code = 3
-    default_code = "E3000"
 
     def __init__(self, diagnostics: tuple[Diagnostic, ...]) -> None:
         first = next(d for d in diagnostics if not d.is_warning)
@@ -110,24 +108,20 @@ class RecordError(EdmError):
     """A record of voltage and displacement, a calibration file or a firmware image that cannot be used."""
 
     exit_code = 3
-    default_code = "E3600"
 
 
 class LinkLost(EdmError):
     exit_code = 4
-    default_code = "E4000"
 
 
 class ProtocolMismatch(EdmError):
     exit_code = 5
-    default_code = "E5000"
 
 
 class MachineFault(EdmError):
-    """The controller latched a fault: pulses are off and the tool is retracted. `detail` is what it told beside."""
+    """The controller latched a fault: pulses are off and the tool is retracted. `detail` was reported with it."""
 
     exit_code = 6
-    default_code = "E6000"
 
     def __init__(self, message: str, *, hint: str = "", code: str = "", fault: int = 0) -> None:
         super().__init__(message, hint=hint, code=code)
@@ -137,17 +131,14 @@ class MachineFault(EdmError):
 
 class ObjectiveNotReached(EdmError):
     exit_code = 7
-    default_code = "E7000"
 
 
 class PreconditionError(EdmError):
     exit_code = 8
-    default_code = "E8000"
 
 
 class RunFileError(EdmError):
     exit_code = 9
-    default_code = "E9000"
 
 
 class Interrupted(EdmError):

@@ -523,9 +523,9 @@ def acts_file_unusable(*, acts: object, reason: object) -> UsageError:
     return UsageError(f"--acts {acts} cannot be used: {reason}.", hint="Name another file.", code="E2069")
 
 
-def figure_kind_unknown(*, name: object, guess: object, names: object) -> UsageError:
+def figure_kind_unknown(*, name: object, meant: object, names: object) -> UsageError:
     return UsageError(
-        f"There is no kind of figure {name!r}.", hint=f"{guess}There are {names}.", code="E2070"
+        f"There is no kind of figure {name!r}.", hint=f"{meant}There are {names}.", code="E2070"
     )
 
 
@@ -939,8 +939,10 @@ def table_malformed(*, name: object, what: object, remedy: object) -> RecordErro
     return RecordError(f"{name} {what}.", hint=f"{remedy}", code="E3602")
 
 
-def table_not_text(*, problem: object, remedy: object) -> RecordError:
-    return RecordError(f"{problem}", hint=f"{remedy}", code="E3602")
+def table_unreadable(*, path: object, reason: object) -> RecordError:
+    return RecordError(
+        f"Cannot read {path}: {reason}.", hint="Check the path and its permissions.", code="E3602"
+    )
 
 
 def table_without_columns(*, name: object, problem: object) -> RecordError:
@@ -951,8 +953,8 @@ def table_without_columns(*, name: object, problem: object) -> RecordError:
     )
 
 
-def record_without_rows(*, problem: object, remedy: object) -> RecordError:
-    return RecordError(f"{problem}", hint=f"{remedy}", code="E3605")
+def record_without_rows(*, path: object, rows: object) -> RecordError:
+    return RecordError(f"{path} holds {rows} of numbers.", hint="Give a row per sample.", code="E3605")
 
 
 def hdf5_record_wrong(*, problem: object, remedy: object) -> RecordError:
@@ -1470,9 +1472,9 @@ def tool_grew(*, z_um: float, um: float, u_um: float) -> ObjectiveNotReached:
     )
 
 
-def reference_not_steady(*, problem: object) -> ObjectiveNotReached:
+def reference_not_steady(*, drift_um: object, most_um: float) -> ObjectiveNotReached:
     return ObjectiveNotReached(
-        f"{problem}",
+        f"Z3 moved by {drift_um} µm while the hole was measured; at most {most_um:g} µm are allowed.",
         hint="Let machine and dielectric warm up, look for chips on the pad, and measure again.",
         code="E7040",
     )
@@ -1638,7 +1640,7 @@ def conditioning_off_without_sensor() -> PreconditionError:
     )
 
 
-def conditioning_tells_too_little(*, error: object) -> PreconditionError:
+def conditioning_insufficient(*, error: object) -> PreconditionError:
     return PreconditionError(
         f"The conditioning swings tell too little of the actuator: {error}.",
         hint="Lower actuator.conditioning_slew_v_s, or raise actuator.conditioning_cycles or controller.telemetry_hz in the setup.",
@@ -1704,8 +1706,8 @@ def reference_on_new_bench(*, bench_file: object, others: object, touch: object)
     )
 
 
-def place_on_earlier_work(*, problem: object, remedy: object, remedy_end: object) -> PreconditionError:
-    return PreconditionError(f"{problem}.", hint=f"{remedy}{remedy_end}.", code="E8042")
+def place_unreachable(*, problem: object, remedy: object) -> PreconditionError:
+    return PreconditionError(f"{problem}.", hint=f"{remedy}.", code="E8042")
 
 
 def place_near_pad(*, name: object, x_um: object, away_um: object, clear_um: float) -> PreconditionError:

@@ -153,6 +153,19 @@ def _described(pid: int) -> str:
     return f"process {pid} ({text if len(text) <= 60 else text[:59] + '…'})"
 
 
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file, new or instead of the one there: all of it, on the disk itself, or nothing. Raises OSError."""
+    new = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        with new.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(path)
+    finally:
+        new.unlink(missing_ok=True)
+
+
 def sync(place: Path) -> None:
     """Wait until the disk has a file, or the names in a folder. Raises OSError."""
     descriptor = os.open(place, os.O_RDONLY)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import unicodedata
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 
 UNKNOWN = "–"
@@ -330,3 +330,11 @@ def settings_words(settings: Mapping[str, bool | int | float | str]) -> str:
 def dotted(version: tuple[int, ...]) -> str:
     """Return a version as people write it."""
     return ".".join(map(str, version))
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return a question with the known name spelled most like `name`, and a space; empty without a close one."""
+    from difflib import get_close_matches  # mistakes only
+
+    close = get_close_matches(name, list(known), 1)
+    return f"Did you mean {close[0]}? " if close else ""

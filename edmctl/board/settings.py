@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -11,6 +10,7 @@ from pathlib import Path
 from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.errors import UsageError
+from edmctl.wording import did_you_mean
 
 SOURCES: dict[str, tuple[str, ...]] = {
     "board/scale.h": (),
@@ -80,8 +80,7 @@ def parse_settings(texts: Sequence[str], known: Mapping[str, Setting]) -> dict[s
         given, found, number = text.partition("=")
         name = "EDM_" + given.strip().upper().removeprefix("EDM_")
         if name not in known:
-            close = difflib.get_close_matches(name, known, 1)
-            meant = f"Did you mean {close[0]}? " if close else ""
+            meant = did_you_mean(name, known)
             raise _refused(f"{given.strip() or text} is no setting of the image.", f"{meant}{_HINT}")
         value = float(number) if _NUMBER.fullmatch(number.strip()) else math.nan
         if not found or not math.isfinite(value):

@@ -107,12 +107,9 @@ def refuse_drift(run: JobRun, found: WearResult) -> None:
     """Raise ObjectiveNotReached E7040 if the pad moved too far between two touches."""
     if abs(found.drift_um) <= MOST_DRIFT_UM:
         return
-    message = (
-        f"Z3 moved by {signed(found.drift_um)} µm while the hole was measured; at most {MOST_DRIFT_UM:g} µm are "
-        "allowed."
-    )
-    run.warn(RunEvent.WEAR_MEASURED, message, {"drift_um": found.drift_um})
-    raise failures.reference_not_steady(problem=message)
+    error = failures.reference_not_steady(drift_um=signed(found.drift_um), most_um=MOST_DRIFT_UM)
+    run.warn(RunEvent.WEAR_MEASURED, error.message, {"drift_um": found.drift_um})
+    raise error
 
 
 class _Measurement:

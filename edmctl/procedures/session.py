@@ -235,7 +235,7 @@ def _start_estimator(run: JobRun, block: TelemetryBlock) -> None:
         try:
             model, quick = identify_quick(record)
         except ValueError as error:
-            raise failures.conditioning_tells_too_little(error=error) from error
+            raise failures.conditioning_insufficient(error=error) from error
         tracker, errors = home(model, record, quick.rms_um, float(np.ptp(record.t_s)))
     else:
         return

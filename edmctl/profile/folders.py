@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ from urllib.parse import quote
 
 from edmctl.errors import UsageError
 from edmctl.files import path_variable, user_path
+from edmctl.wording import did_you_mean
 
 HOME_VARIABLE = "EDMCTL_HOME"
 CALIBRATION_VARIABLE = "EDMCTL_CALIBRATION"
@@ -75,8 +75,7 @@ def _found(given: str, folder: Path, what: str, shipped: Mapping[str, Path], cod
     else:
         message = f"There is no shipped {what} {given!r}."
         hint = f"Write {as_value(path)} for the file of that name. " if given and is_there else ""
-    close = difflib.get_close_matches(path.stem, shipped, n=1)
-    hint = hint or (f"Did you mean {close[0]}? " if close else "")
+    hint = hint or did_you_mean(path.stem, shipped)
     names = f"Shipped: {', '.join(shipped)}. A value with a path separator or .toml is a file."
     raise UsageError(message, hint=hint + names, code=code)
 

@@ -1,9 +1,7 @@
 """TOML files with a hash of their content: written whole or not at all, checked when they are read."""
 
-import contextlib
 import hashlib
 import json
-import os
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -13,6 +11,7 @@ from pydantic import ValidationError
 
 from edmctl.dataclasses import dataclass
 from edmctl.errors import Location, ProfileError, RecordError, RunFileError
+from edmctl.files import replace_file
 from edmctl.profile.positions import Sources
 from edmctl.profile.read import parse, read_source
 from edmctl.profile.tables import Table
@@ -109,24 +108,10 @@ class FileKind:
         text = tomli_w.dumps({"schema": table.pop("schema"), HASH: content.sha256, **table})
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            _write_whole(path, text.encode())
+            replace_file(path, text.encode())
         except OSError as error:
             raise RunFileError(
                 f"Cannot write the {self.name} {path}: {error.strerror or error}.",
                 hint="Check that its folder can be written and has space, or name another file with --output.",
                 code=self.write_code,
             ) from error
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        with partial.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            partial.unlink()
-        raise

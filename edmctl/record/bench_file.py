@@ -21,9 +21,9 @@ import numpy as np
 
 from edmctl import failures
 from edmctl.errors import RunFileError
-from edmctl.files import lock_holder, open_descriptor, open_regular, refuse_locked
+from edmctl.files import lock_holder, open_descriptor, open_regular, refuse_locked, replace_file
 from edmctl.record import locks
-from edmctl.record.disk import HDF5_ERRORS, reason, replace_file
+from edmctl.record.disk import HDF5_ERRORS, reason
 from edmctl.record.opening import MAGIC, image_of, open_hdf5, refuse_endless
 
 if TYPE_CHECKING:

@@ -68,8 +68,7 @@ def read_columns(path: Path, *needed: str) -> tuple[Array, ...]:
     else:
         columns = read_text(content, str(path), needed)
     if (rows := len(columns[needed[0]])) < 2:
-        message, hint = f"{path} holds {plural(rows, 'row')} of numbers.", "Give a row per sample."
-        raise failures.record_without_rows(problem=message, remedy=hint)
+        raise failures.record_without_rows(path=path, rows=plural(rows, "row"))
     return tuple(columns[name] for name in needed)
 
 

@@ -53,8 +53,7 @@ def read_table(path: Path, wanted: Sequence[str]) -> Table:
     try:
         return Table(text_of(read_bytes(path), str(path)), str(path), wanted)
     except OSError as error:
-        message, hint = f"Cannot read {path}: {error.strerror}.", "Check the path and its permissions."
-        raise failures.table_not_text(problem=message, remedy=hint) from None
+        raise failures.table_unreadable(path=path, reason=error.strerror) from None
 
 
 def text_of(content: bytes, name: str) -> str:

@@ -62,19 +62,6 @@ def write_new(path: Path, content: bytes) -> None:
         raise
 
 
-def replace_file(path: Path, content: bytes) -> None:
-    """Write a file, new or instead of the one there: all of it, on the disk itself, or nothing. Raises OSError."""
-    new = path.with_name(f".{path.name}.{os.getpid()}.new")
-    try:
-        with new.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        new.replace(path)
-    finally:
-        new.unlink(missing_ok=True)
-
-
 def sync_names(folder: Path) -> None:
     """Wait until the disk has the names in a folder, where that can be asked for."""
     with contextlib.suppress(OSError):

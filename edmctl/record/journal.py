@@ -17,9 +17,9 @@ from typing import Protocol
 from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.errors import RunFileError
-from edmctl.files import json_of, read_bytes
+from edmctl.files import json_of, read_bytes, replace_file
 from edmctl.jsonout import to_json_value
-from edmctl.record.disk import DiskThread, replace_file, sync_names
+from edmctl.record.disk import DiskThread, sync_names
 from edmctl.record.json_rows import record_of
 
 SCHEMA = "edmctl-journal"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,6 +26,7 @@ from edmctl.record.locks import is_live
 from edmctl.record.opening import is_whole, open_file, plain, read_value, refuse_endless
 from edmctl.record.recovery import CLOSING
 from edmctl.record.rows import RunEvent, TruthMap
+from edmctl.wording import did_you_mean
 
 TABLES = {table.path: table for table in layout.TABLES}
 _WORD = h5py.string_dtype("utf-8", 16)
@@ -326,9 +326,9 @@ def _column(path: str, name: str) -> Column:
 
 
 def _unknown(message: str, name: str, known: Sequence[str]) -> RunFileError:
-    close = difflib.get_close_matches(name, known, n=1)
-    meant = f"Did you mean {close[0]}? " if close else ""
-    return failures.nothing_of_that_name(problem=message, meant=meant, known=", ".join(known))
+    return failures.nothing_of_that_name(
+        problem=message, meant=did_you_mean(name, known), known=", ".join(known)
+    )
 
 
 class RecordedState(IntEnum):

@@ -105,8 +105,8 @@ def _function(each: Definition) -> str:
 def _text(template: str) -> str:
     """Return a template as Python source: an f-string where it takes values."""
     if any(name is not None for _, name, _, _ in string.Formatter().parse(template)):
-        return "f" + quoted(template).replace("\n", "\\n")
-    return quoted(template.replace("{{", "{").replace("}}", "}")).replace("\n", "\\n")
+        return "f" + quoted(template)
+    return quoted(template.replace("{{", "{").replace("}}", "}"))
 
 
 def page_tables() -> dict[str, str]:
@@ -117,7 +117,7 @@ def page_tables() -> dict[str, str]:
 
 def _sections() -> Iterator[str]:
     found = definitions()
-    for digit in map(str, range(2, 10)):
+    for digit in map(str, range(1, 10)):
         rows = [
             (each.code, _cell(each.about or each.message), _cell(each.hint))
             for each in found

@@ -32,7 +32,7 @@ def formatted(source: str) -> str:
 
 def quoted(text: str) -> str:
     """Return a Python string literal in double quotes."""
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n") + '"'
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

@@ -70,7 +70,7 @@ def refuse_unreachable(place: Place, job: Job) -> None:
     """Raise PreconditionError E8042 for a place beyond the stages' travel or the workpiece."""
     if found := unreachable(*place, job.setup, hole_radius_um(job.profile)):
         message, hint = found
-        raise failures.place_on_earlier_work(problem=message, remedy=hint[0].upper(), remedy_end=hint[1:])
+        raise failures.place_unreachable(problem=message, remedy=hint[0].upper() + hint[1:])
 
 
 def refuse_pad(place: Place, job: Job) -> None:

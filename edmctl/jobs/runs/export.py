@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.jobs.output_files import check_free
+from edmctl.wording import did_you_mean
 
 STDOUT = Path("-")
 REPLACE_HINT = "Give another place with -o, or replace it with --overwrite."
@@ -96,9 +96,7 @@ def _table(name: str, known: Sequence[str]) -> str:
     plain = name.lower().replace("_", "-")
     if plain in known:
         return plain
-    near = difflib.get_close_matches(plain, known, 1)
-    meant = f"Did you mean {near[0]}? " if near else ""
-    raise failures.table_unknown(name=name, meant=meant, known=", ".join(known))
+    raise failures.table_unknown(name=name, meant=did_you_mean(plain, known), known=", ".join(known))
 
 
 def _format(asked: str | None, ending: str) -> Format:

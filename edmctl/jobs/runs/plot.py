@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
 from edmctl.jobs import output_files
 from edmctl.report.kinds import KINDS, NAMES, REPORT, Kind, kind_called
+from edmctl.wording import did_you_mean
 
 FORMATS = ("png", "svg", "pdf")
 PAGE_SUFFIX = ".html"
@@ -97,6 +97,4 @@ def _paths(stem: str, out: Path, suffixes: dict[str, str], form: str | None) -> 
 def _check_kind(name: str) -> None:
     if name in NAMES:
         return
-    (close, *_) = (*difflib.get_close_matches(name, NAMES, n=1), "")
-    guess = f"Did you mean {close}? " if close else ""
-    raise failures.figure_kind_unknown(name=name, guess=guess, names=", ".join(NAMES))
+    raise failures.figure_kind_unknown(name=name, meant=did_you_mean(name, NAMES), names=", ".join(NAMES))
