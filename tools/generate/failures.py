@@ -49,16 +49,15 @@ class Definition:
 
 
 def definitions() -> list[Definition]:
-    """Return all of errors.toml, in its order."""
+    """Return all of errors.toml, by their codes."""
     content = tomllib.loads(_ERRORS.read_text(encoding="utf-8"))
-    found = []
-    for code, entries in content.items():
-        about = entries.pop("about", "")
-        rule = entries.pop("rule", "")
-        if about:
-            found.append(Definition(code, rule, about=about))
-        found += [Definition(code, name, **entry) for name, entry in entries.items()]
-    return found
+    rules, abouts = content.pop("rules"), content.pop("about")
+    found = [Definition(code, rule["name"], about=rule["about"]) for code, rule in rules.items()]
+    found += [Definition(code, "", about=about) for code, about in abouts.items()]
+    found += [
+        Definition(code, name, **each) for code, named in content.items() for name, each in named.items()
+    ]
+    return sorted(found, key=lambda each: each.code)
 
 
 def failures_source() -> str:
