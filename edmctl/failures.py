@@ -323,6 +323,14 @@ def delay_out_of_range(*, delay_s: float, longest_fixed_delay_s: float) -> Usage
     )
 
 
+def other_fault_latched(*, code: object, latched: object, message: object, command: object) -> UsageError:
+    return UsageError(
+        f"Not fault {code} is latched but {latched}: {message}",
+        hint=f"When its reason is gone: `{command}`.",
+        code="E2030",
+    )
+
+
 def link_and_socket() -> UsageError:
     return UsageError("--link and --socket exclude each other.", hint="Leave one out.", code="E2040")
 
@@ -1218,6 +1226,20 @@ def simulated_line_closed() -> LinkLost:
     )
 
 
+def port_absent(*, url: object, known_ports: object) -> LinkLost:
+    return LinkLost(
+        f"There is no port {url}.", hint=f"{known_ports} Check the cable and the name.", code="E4001"
+    )
+
+
+def nothing_at_address(*, url: object, reason: object) -> LinkLost:
+    return LinkLost(
+        f"Nothing answers at {url}: {reason}.",
+        hint="Check the address, and whether it is served.",
+        code="E4001",
+    )
+
+
 def port_cannot_be_opened(*, url: object, reason: object, known_ports: object) -> LinkLost:
     return LinkLost(f"Cannot open {url}: {reason}.", hint=f"{known_ports} Check the cable.", code="E4001")
 
@@ -1275,6 +1297,14 @@ def controller_restarted(*, name: object, cause: object, boot_count: object, hin
         f"The controller at {name} restarted: {cause} (boot {boot_count}).",
         hint=f"{hint} Pulses are off and the tool is retracted.",
         code="E4005",
+    )
+
+
+def port_held(*, name: object, owner: object) -> LinkLost:
+    return LinkLost(
+        f"{name} is held by {owner}.",
+        hint="End the other program, or wait for it with --wait SECONDS.",
+        code="E4006",
     )
 
 
@@ -1386,6 +1416,18 @@ def socket_cannot_be_served(*, host: object, port: object, reason: object) -> Li
     return LinkLost(
         f"Cannot serve on {host}:{port}: {reason}.", hint="Take another host or port.", code="E4021"
     )
+
+
+def secret_needed(*, name: object) -> LinkLost:
+    return LinkLost(
+        f"{name} asks for a secret.",
+        hint="Name the file that holds it: EDMCTL_SECRET_FILE, or link.secret_file in the setup.",
+        code="E4023",
+    )
+
+
+def secret_refused(*, name: object, reason: object) -> LinkLost:
+    return LinkLost(f"{name} {reason}.", hint="Both ends need the same secret file.", code="E4023")
 
 
 def protocol_differs(

@@ -24,12 +24,12 @@ from edmctl.link.ports import is_adapter
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.faults import INTERLOCKS
 from edmctl.machine.interface import (
+    MachineListener,
     MachineState,
     MachineStatus,
     PulseLog,
     PulseMode,
     PulseSettings,
-    SampleListener,
     TelemetryBlock,
     TelemetrySettings,
 )
@@ -308,7 +308,7 @@ def _round_trip(machine: LinkMachine) -> Check:
     return warn("round trip", f"{told}.", f"Close what keeps the computer busy{timer}")
 
 
-class _Counted(SampleListener):
+class _Counted(MachineListener):
     """A listener that counts samples."""
 
     samples = 0

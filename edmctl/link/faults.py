@@ -19,14 +19,14 @@ class FaultRow:
     A name in braces in `message` stands for the value of that parameter.
     """
 
-    code: int
     name: str
-    who: str
+    code: int
     detect: str
     message: str
     hint: str
     pulses_off_s: float
     inject: str
+    who: str = "controller"
     reaction: str = "retract to 0 V, hold, latch"
     exit_code: int = 6
     error: str = ""
@@ -42,9 +42,9 @@ def _rows() -> dict[int, FaultRow]:
     stages = stages_by_hand()
     return {
         row["code"]: FaultRow(
-            **{"error": f"E6{row['code']}", **row, "hint": row["hint"].replace("{stages}", stages)}
+            name, **{"error": f"E6{row['code']}", **row, "hint": row["hint"].replace("{stages}", stages)}
         )
-        for row in table["fault"]
+        for name, row in table.items()
     }
 
 

@@ -16,6 +16,7 @@ from contextlib import suppress
 from time import monotonic
 from typing import TYPE_CHECKING
 
+from edmctl import failures
 from edmctl.errors import LinkLost
 
 if TYPE_CHECKING:
@@ -30,18 +31,6 @@ LEAST_SECRET = 16
 SILENT_SERVER_S = 0.1
 """So long a client looks whether the server speaks first; one that has a secret waits for the challenge."""
 CHALLENGE_S = 1.0
-
-
-class GateClosed(LinkLost):
-    """The server lets this client not in."""
-
-    default_code = "E4023"
-
-
-class GateBusy(LinkLost):
-    """Another client is connected."""
-
-    default_code = "E4006"
 
 
 def line_of(*words: bytes) -> bytes:
@@ -62,7 +51,7 @@ def answer_to(number: bytes, secret: bytes) -> bytes:
 def pass_gate(name: str, port: Serial, secret: bytes) -> None:
     """Do what the server asks of a socket that was just opened; nothing where it says nothing.
 
-    Raises LinkLost: GateBusy E4006, GateClosed E4023 without the right secret.
+    Raises LinkLost E4006 if another client is connected, E4023 without the right secret.
     """
     if os.name != "posix":  # a socket is no file there that could be looked at twice
         return
@@ -81,16 +70,11 @@ def pass_gate(name: str, port: Serial, secret: bytes) -> None:
 def closed(name: str, words: list[bytes]) -> LinkLost:
     """Return the error of a gate that said this and lets nobody in."""
     if words[:1] == [BUSY]:
-        return GateBusy(
-            f"{name} is held by another client.", hint="End that one, or wait for it with --wait SECONDS."
-        )
+        return failures.port_held(name=name, owner="another client")
     if words[:1] == [CHALLENGE]:
-        return GateClosed(
-            f"{name} asks for a secret.",
-            hint="Name the file that holds it: EDMCTL_SECRET_FILE, or link.secret_file in the setup.",
-        )
+        return failures.secret_needed(name=name)
     reason = "refused the secret" if words[:1] == [REFUSED] else "closed its gate without a word of why"
-    return GateClosed(f"{name} {reason}.", hint="Both ends need the same secret file.")
+    return failures.secret_refused(name=name, reason=reason)
 
 
 def _next_line(line: socket.socket, patience_s: float) -> list[bytes]:

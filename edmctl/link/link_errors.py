@@ -22,37 +22,13 @@ _CAUSES: dict[int, str] = {
 }
 
 
-def no_answer(name: str, command: str, waited_s: float) -> LinkLost:
-    """Return the error of a command that was repeated in vain."""
-    return failures.no_reply(name=name, command=command, waited_s=1000 * waited_s)
-
-
 def unanswered(name: str, message: Request[object], waited_s: float, counts: Statistics) -> LinkLost:
-    """Return the error of a command that was repeated in vain; HELLO tells whether there is a controller at all."""
-    if message.ID == Hello.ID:
-        return _no_controller(name, waited_s, counts.bytes_received)
-    return no_answer(name, message.NAME, waited_s)
-
-
-def _no_controller(name: str, waited_s: float, bytes_received: int) -> LinkLost:
-    if bytes_received:
-        return failures.not_a_controller(name=name, bytes_received=bytes_received)
+    """Return the error of a command that was repeated in vain; without HELLO there may be no controller at all."""
+    if message.ID != Hello.ID:
+        return failures.no_reply(name=name, command=message.NAME, waited_s=1000 * waited_s)
+    if counts.bytes_received:
+        return failures.not_a_controller(name=name, bytes_received=counts.bytes_received)
     return failures.no_answer_to_hello(name=name, waited_s=waited_s)
-
-
-def fell_silent(name: str, silence_s: float) -> LinkLost:
-    """Return the error of a controller that stopped answering in mid-session."""
-    return failures.controller_silent(name=name, silence_s=1000 * silence_s)
-
-
-def other_host(name: str) -> LinkLost:
-    """Return the error of an answer to somebody else's HELLO."""
-    return failures.answer_for_another_host(name=name)
-
-
-def taken_over(name: str) -> LinkLost:
-    """Return the error of a controller that has become another host's in mid-session."""
-    return failures.session_taken_over(name=name)
 
 
 def restarted(name: str, boot: Boot) -> LinkLost:
@@ -114,9 +90,8 @@ def nak_error(command_id: int, reply: Frame) -> CommandRefused:
     detail = _detail(status, command_id, reply.payload)
     message = f"The controller refused {request.NAME}: {status.name}{f' ({detail})' if detail else ''}."
     if command_id == StageMove.ID and status is Status.INTERLOCK and not detail:
-        detail, hint = "the tool is not retracted by the controller's own reading", _NOT_RETRACTED
-        message = f"The controller refused {request.NAME}: {status.name} ({detail})."
-        return CommandRefused(message, status=status, hint=hint)
+        message = f"{message[:-1]} (the tool is not retracted by the controller's own reading)."
+        return CommandRefused(message, status=status, hint=_NOT_RETRACTED)
     if command_id in _TOO_FAST and status is Status.OUT_OF_RANGE:
         return CommandRefused(message, status=status, hint=_TOO_FAST[command_id])
     hint = _HINTS.get(status, "This is a fault of the controller's firmware; note what led to it.")

@@ -15,7 +15,7 @@ from typing import TypeVar
 from edmctl import failures
 from edmctl.errors import LinkLost, installing
 from edmctl.files import lock_holder
-from edmctl.link.gate import GateBusy, pass_gate
+from edmctl.link.gate import pass_gate
 from edmctl.link.ports import DEVICE, SOCKET, listed_ports, scheme_of
 from edmctl.link.serial_line import SCHEMES, SerialLine, open_port, reason_of
 
@@ -23,23 +23,12 @@ DEFAULT_BAUD = 500_000
 BOARD_BAUD = 921_600
 """Of the firmware for a NUCLEO."""
 _LOOK_AGAIN_S = 0.1
+_MAY_PASS = ("E4001", "E4006")
 _BUSY = (errno.EAGAIN, errno.EBUSY, errno.EWOULDBLOCK)
 _INVALID = (TypeError, ValueError, LookupError, re.error)
 _ABSENT = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
 
 T = TypeVar("T")
-
-
-class PortBusy(LinkLost):
-    """Another program holds the port."""
-
-    default_code = "E4006"
-
-
-class PortAbsent(LinkLost):
-    """The port is not there."""
-
-    default_code = "E4001"
 
 
 def open_line(
@@ -55,31 +44,21 @@ def open_line(
     wait_s : a port that is held or not there yet is tried again for so long, after a word to `say`
     secret : answers the challenge of a socket that asks for one
 
-    Raises LinkLost: PortAbsent E4001, PortBusy E4006, E4002 for what is no port, E4004 without permission, E4023
-    without the secret that a socket asks for.
+    Raises LinkLost: E4001 if the port is absent, E4006 if it is held, E4002 if it is not a port, E4004 without
+    permission, E4023 without the secret that a socket asks for.
     """
     _check(url)
-    return waited_for(
-        lambda: _opened(url, baud, secret),
-        lambda error: isinstance(error, PortBusy | PortAbsent | GateBusy),
-        wait_s,
-        say,
-    )
+    return waited_for(lambda: _opened(url, baud, secret), wait_s, say)
 
 
-def waited_for(
-    attempt: Callable[[], T],
-    may_pass: Callable[[LinkLost], bool],
-    wait_s: float,
-    say: Callable[[str], None] | None,
-) -> T:
-    """Return what `attempt` returns; an error that may pass is waited out for `wait_s`, after a word to `say`."""
+def waited_for(attempt: Callable[[], T], wait_s: float, say: Callable[[str], None] | None) -> T:
+    """Return the result of `attempt`, which is repeated for `wait_s` while the port is absent or held."""
     end_s = monotonic() + wait_s
     while True:
         try:
             return attempt()
         except LinkLost as error:
-            if not may_pass(error) or monotonic() >= end_s:
+            if error.code not in _MAY_PASS or monotonic() >= end_s:
                 raise
             if say is not None:
                 say(f"{error.message} Waiting up to {wait_s:g} s.")
@@ -110,13 +89,8 @@ def _check(url: str) -> None:
     with suppress(OSError, ValueError):
         mode = Path(url).stat().st_mode
         if not stat.S_ISCHR(mode):
-            kind = (
-                "a folder"
-                if stat.S_ISDIR(mode)
-                else "a plain file"
-                if stat.S_ISREG(mode)
-                else "no serial port"
-            )
+            kinds = {stat.S_IFDIR: "a folder", stat.S_IFREG: "a plain file"}
+            kind = kinds.get(stat.S_IFMT(mode), "no serial port")
             raise failures.port_is_another_thing(url=url, kind=kind, known_ports=known_ports())
 
 
@@ -128,13 +102,9 @@ def _explain(url: str, failure: Exception) -> LinkLost:
     if isinstance(other, OSError):
         return failures.port_option_unusable(filename=other.filename, url=url, reason=other.strerror)
     if number in _BUSY:
-        owner = lock_holder(Path(device))
-        by = f" by {owner}" if owner else " by another program"
-        return PortBusy(
-            f"{url} is held{by}.", hint="End the other program, or wait for it with --wait SECONDS."
-        )
+        return failures.port_held(name=url, owner=lock_holder(Path(device)) or "another program")
     if number in _ABSENT:
-        return PortAbsent(f"There is no port {url}.", hint=f"{known_ports()} Check the cable and the name.")
+        return failures.port_absent(url=url, known_ports=known_ports())
     if number in (errno.EACCES, errno.EPERM):
         return failures.port_permission_denied(url=url, remedy=_permission_hint(url))
     is_invalid = any(isinstance(cause, _INVALID) for cause in causes)
@@ -144,9 +114,7 @@ def _explain(url: str, failure: Exception) -> LinkLost:
         return failures.not_a_serial_port(url=url, known_ports=known_ports())
     reason = reason_of(failure).rstrip(".")
     if scheme_of(url) != DEVICE:
-        return PortAbsent(
-            f"Nothing answers at {url}: {reason}.", hint="Check the address, and whether it is served."
-        )
+        return failures.nothing_at_address(url=url, reason=reason)
     return failures.port_cannot_be_opened(url=url, reason=reason, known_ports=known_ports())
 
 

@@ -10,16 +10,9 @@ from edmctl.dataclasses import dataclass
 
 _PTY = re.compile(r"/dev/(pts/|ttys\d|pty)")
 """Of Linux, macOS and BSD."""
-ST_LINK_IDS = (
-    "0483:374b",
-    "0483:374d",
-    "0483:374e",
-    "0483:374f",
-    "0483:3752",
-    "0483:3753",
-    "0483:3754",
-    "0483:3757",
-)
+ST_LINK_IDS = [
+    f"0483:{product}" for product in ["374b", "374d", "374e", "374f", "3752", "3753", "3754", "3757"]
+]
 """ST-LINK/V2-1 and V3 with a serial port. Every board of ST has one, so `auto` asks only those of a setup."""
 
 

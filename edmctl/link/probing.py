@@ -10,7 +10,7 @@ from edmctl.dataclasses import dataclass
 from edmctl.errors import EdmError
 from edmctl.link import ports as known
 from edmctl.link.messages import HelloReply
-from edmctl.link.opening import BOARD_BAUD, PortAbsent, open_line, waited_for
+from edmctl.link.opening import BOARD_BAUD, open_line, waited_for
 from edmctl.link.serial_line import SerialLine
 
 HELLO_S = 1.5
@@ -131,10 +131,5 @@ def open_selector(
     if selector != "auto" and not selector.startswith("serial:"):
         return open_line(selector, baud, wait_s, say, secret)
     end_s = monotonic() + wait_s
-    url = waited_for(
-        lambda: find(selector, usb_ids, candidates, baud, hello_s, secret),
-        lambda error: error.code == PortAbsent.default_code,
-        wait_s,
-        say,
-    )
+    url = waited_for(lambda: find(selector, usb_ids, candidates, baud, hello_s, secret), wait_s, say)
     return open_line(url, baud, max(0.0, end_s - monotonic()), say, secret)

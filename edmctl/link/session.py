@@ -20,16 +20,7 @@ from edmctl.link.clock import ClockFit, ControllerClock
 from edmctl.link.compatibility import UPDATE, Introduction, check_hello, introduction
 from edmctl.link.frame import ABORT, Frame, encode_frame
 from edmctl.link.heartbeat import HeartbeatThread
-from edmctl.link.link_errors import (
-    CommandRefused,
-    fell_silent,
-    nak_error,
-    no_answer,
-    other_host,
-    restarted,
-    taken_over,
-    unanswered,
-)
+from edmctl.link.link_errors import CommandRefused, nak_error, restarted, unanswered
 from edmctl.link.messages import (
     PROTO_MAJOR,
     PROTO_MINOR,
@@ -134,7 +125,7 @@ class Session:
             raise nak_error(hello.ID, frame)
         reply = _unpack_reply(hello, frame)
         if reply.host_nonce != hello.host_nonce:
-            raise self._lose(other_host(self.transport.name))
+            raise self._lose(failures.answer_for_another_host(name=self.transport.name))
         self._hello = reply
         if self._virtual is not None:
             self._virtual.samples()  # those of an earlier session
@@ -205,7 +196,9 @@ class Session:
                 now_s = self.transport.now_s()
                 self._step(now_s, now_s + self._last_look_s)
             if self._is_silent():
-                raise self._give_up(fell_silent(self.transport.name, SILENCE_S))
+                raise self._give_up(
+                    failures.controller_silent(name=self.transport.name, silence_s=1000 * SILENCE_S)
+                )
             if wakes and woken:
                 return predicate()
         return True
@@ -314,7 +307,8 @@ class Session:
             self._beat(self.transport.now_s())
             self._next_beat_s = self.transport.now_s() + self._first_beat_s
         if not self.pump_until(lambda: self.last_heartbeat is not None, DEADLINE_S):
-            raise self._lose(no_answer(self.transport.name, "HEARTBEAT", DEADLINE_S))
+            heartbeat = Heartbeat(0, 0)
+            raise self._lose(unanswered(self.transport.name, heartbeat, DEADLINE_S, self.statistics))
         self._start_heartbeats()
 
     def _start_heartbeats(self) -> None:
@@ -441,7 +435,7 @@ class Session:
     def _give_up(self, silence: LinkLost) -> LinkLost:
         """Lose a controller that is silent, or that talks to somebody else by now."""
         is_taken = self._is_open and self._receiver.others
-        return self._lose(taken_over(self.transport.name) if is_taken else silence)
+        return self._lose(failures.session_taken_over(name=self.transport.name) if is_taken else silence)
 
     def _lose(self, error: LinkLost) -> LinkLost:
         self._is_open = False

@@ -4,8 +4,6 @@ PreconditionError
 ├── FaultLatched          E8010    the controller still holds a fault of an earlier run
 ├── InterlockOpen         E8012    an interlock keeps a fault from being cleared
 └── NothingLatched        E8013    there is no fault to clear
-UsageError
-└── WrongFault            E2030    another fault is latched than the one named
 """
 
 from __future__ import annotations
@@ -19,7 +17,6 @@ from edmctl.errors import (
     ObjectiveNotReached,
     PreconditionError,
     RunFileError,
-    UsageError,
 )
 from edmctl.link.faults import FAULTS, FaultCode, FaultRow
 from edmctl.link.messages import Interlocks as Interlock
@@ -73,16 +70,6 @@ class NothingLatched(PreconditionError):
     """The controller holds no fault."""
 
     default_code = "E8013"
-
-
-class WrongFault(UsageError):
-    """Not the fault that was named is latched, but `fault`."""
-
-    default_code = "E2030"
-
-    def __init__(self, message: str, *, hint: str, fault: int) -> None:
-        super().__init__(message, hint=hint)
-        self.fault = fault
 
 
 def fault_error(code: int, settings: Mapping[str, float], where: str = "", port: str = _NO_PORT) -> EdmError:

@@ -43,7 +43,6 @@ __all__ = [
     "PulseMode",
     "PulseSettings",
     "PulseTrain",
-    "SampleListener",
     "ScanLine",
     "ServoLaw",
     "TelemetryBlock",
@@ -242,8 +241,11 @@ class MachineStatus:
     flags: TelemetryFlag
 
 
-class MachineListener(Protocol):
-    """Who hears the machine. Called within the machine's waits, in order; what it raises ends the wait."""
+class MachineListener:
+    """Receives the machine's data, called within its waits, in order; an exception ends the wait.
+
+    A subclass overrides the methods whose data it uses; the others do nothing.
+    """
 
     def telemetry(self, block: TelemetryBlock) -> None:
         """Take consecutive samples."""
@@ -258,23 +260,7 @@ class MachineListener(Protocol):
         """Take an event."""
 
     def log(self, level: int, text: str) -> None:
-        """Take a line of the controller's own log."""
-
-
-class SampleListener:
-    """A listener without pulses, events and log; subclasses take the samples."""
-
-    def pulse_blocks(self, batch: PulseBlockBatch) -> None:
-        """Do nothing."""
-
-    def pulses(self, batch: PulseTrain) -> None:
-        """Do nothing."""
-
-    def event(self, event: MachineEvent) -> None:
-        """Do nothing."""
-
-    def log(self, level: int, text: str) -> None:
-        """Do nothing."""
+        """Take a line of the controller's log."""
 
 
 SLICE_S = 0.1
@@ -381,7 +367,7 @@ class Machine(Protocol):
     def clear_fault(self, code: int) -> None:
         """Clear the latched fault `code` once the tool has retracted; the machine is idle then.
 
-        Raises `NothingLatched`, `WrongFault` or `InterlockOpen` where that cannot be.
+        Raises `NothingLatched`, `UsageError` E2030 if another fault is latched, or `InterlockOpen`.
         """
 
     def disarm(self) -> None:

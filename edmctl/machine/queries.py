@@ -26,7 +26,6 @@ from edmctl.machine.decode import ToSeconds, telemetry_block, waveform_batch
 from edmctl.machine.faults import (
     InterlockOpen,
     NothingLatched,
-    WrongFault,
     fault_error,
     interlocks_in_words,
     reset_command,
@@ -183,16 +182,9 @@ def wait_for_rest(session: Session) -> None:
 
 
 def clear_fault(session: Session, code: int, settings: Mapping[str, float]) -> None:
-    """Clear the latched fault `code`; patient until the tool has retracted.
+    """Clear the latched fault `code`; wait until the tool has retracted.
 
-    Raises
-    ------
-    NothingLatched
-        There is no fault.
-    WrongFault
-        Another fault is latched; the error tells which.
-    InterlockOpen
-        The reason is still there; the error tells what.
+    Raises NothingLatched, UsageError E2030 if another fault is latched, InterlockOpen if its cause persists.
     """
     status = read_status(session)
     port = session.transport.name
@@ -202,26 +194,23 @@ def clear_fault(session: Session, code: int, settings: Mapping[str, float]) -> N
         )
     if status.fault != code:
         latched = fault_error(status.fault, settings, port=port)
-        raise WrongFault(
-            f"Not fault {code} is latched but {status.fault}: {latched.message}",
-            hint=f"When its reason is gone: `{reset_command(status.fault, port)}`.",
-            fault=status.fault,
+        raise failures.other_fault_latched(
+            code=code,
+            latched=status.fault,
+            message=latched.message,
+            command=reset_command(status.fault, port),
         )
     try:
         request_patiently(session, ClearFault(code), PATIENCE_S)
     except CommandRefused as refused:
         if refused.status is not Status.INTERLOCK:
             raise
-        raise _interlock_open(session, code) from refused
-
-
-def _interlock_open(session: Session, code: int) -> InterlockOpen:
-    interlocks = read_status(session).interlocks
-    return InterlockOpen(
-        f"Fault {code} cannot be cleared: {interlocks_in_words(interlocks)}.",
-        hint=f"Put that right; then `{reset_command(code, session.transport.name)}`.",
-        interlocks=interlocks,
-    )
+        interlocks = read_status(session).interlocks
+        raise InterlockOpen(
+            f"Fault {code} cannot be cleared: {interlocks_in_words(interlocks)}.",
+            hint=f"Put that right; then `{reset_command(code, port)}`.",
+            interlocks=interlocks,
+        ) from refused
 
 
 def _is_back(session: Session) -> bool:

@@ -19,10 +19,8 @@ from edmctl.errors import stages_by_hand
 from edmctl.machine.interface import (
     Axis,
     Machine,
-    MachineEvent,
-    PulseBlockBatch,
+    MachineListener,
     PulseLog,
-    PulseTrain,
     TelemetryBlock,
     TelemetrySettings,
     joined,
@@ -210,7 +208,7 @@ def _drive(machine: Machine, legs: Sequence[Leg], period_us: int, start_v: float
 
 
 @dataclass(slots=True)
-class _Listener:
+class _Listener(MachineListener):
     """Collects telemetry from `begin` on, and reports the progress of the record."""
 
     observer: Observer
@@ -262,15 +260,6 @@ class _Listener:
                 displacement_high_um=self.high_um,
             )
         )
-
-    def pulse_blocks(self, batch: PulseBlockBatch) -> None:
-        """Ignore them: there are none."""
-
-    def pulses(self, batch: PulseTrain) -> None:
-        """Ignore them: there are none."""
-
-    def event(self, event: MachineEvent) -> None:
-        """Ignore it: waits receive events themselves."""
 
     def log(self, level: int, text: str) -> None:
         """Pass on a line of the controller's log."""

@@ -155,8 +155,8 @@ def profile_crc(counts: dict[str, int] | None = None) -> int:
 
 def faults() -> list[Fields]:
     """Rows of the fault table."""
-    rows: list[Fields] = tomllib.loads((LINK / "faults.toml").read_text(encoding="utf-8"))["fault"]
-    return rows
+    table = tomllib.loads((LINK / "faults.toml").read_text(encoding="utf-8"))
+    return [{"name": name, "who": "controller", **row} for name, row in table.items()]
 
 
 def golden_names() -> list[str]:

@@ -20,7 +20,7 @@ import serial.tools.list_ports
 import serial.urlhandler
 
 from edmctl.errors import LinkLost
-from edmctl.link.opening import PortBusy, open_line
+from edmctl.link.opening import open_line
 from edmctl.link.serial_line import SCHEMES
 from tests.serving import bridged
 
@@ -145,7 +145,7 @@ def test_a_line_carries_bytes_both_ways(scheme: str) -> None:
                 got += line.read(PATIENCE_S)
             assert got == b"round \xff\x00"
             if SCHEMES[scheme].is_device:
-                with pytest.raises(PortBusy) as held:
+                with pytest.raises(LinkLost) as held:
                     open_line(url)
                 assert scheme == "hwgrep" or f"process {os.getpid()}" in held.value.message
         finally:

@@ -16,6 +16,7 @@ from edmctl.machine.interface import (
     ControllerSettings,
     CutRequest,
     MachineEvent,
+    MachineListener,
     PulseBlockBatch,
     PulseLog,
     PulseMode,
@@ -64,7 +65,7 @@ REFERENCE_V = 0.8 * 12.0
 
 
 @dataclass(slots=True)
-class Heard:
+class Heard(MachineListener):
     """A listener that keeps everything."""
 
     blocks: list[TelemetryBlock] = field(default_factory=list)

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.errors import MachineFault, PreconditionError
+from edmctl.errors import MachineFault, PreconditionError, UsageError
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import Disarm
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
-from edmctl.machine.faults import FaultLatched, InterlockOpen, NothingLatched, WrongFault
+from edmctl.machine.faults import FaultLatched, InterlockOpen, NothingLatched
 from edmctl.machine.interface import Interlock, MachineState, PulseLog, TelemetryFlag
 from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import parse_injection
@@ -99,9 +99,9 @@ def test_a_fault_is_cleared_as_soon_as_the_tool_is_back(rig: MakeRig) -> None:
 
 def test_another_fault_than_the_latched_one_is_not_cleared(rig: MakeRig) -> None:
     machine = in_fault(rig())
-    with pytest.raises(WrongFault) as caught:
+    with pytest.raises(UsageError) as caught:
         machine.clear_fault(3001)
-    assert (caught.value.fault, caught.value.exit_code) == (4002, 2)
+    assert caught.value.code == "E2030"
     assert "Not fault 3001 is latched but 4002: The door" in caught.value.message
     assert "`edmctl reset --ack 4002`" in caught.value.hint
     assert machine.status().fault == 4002

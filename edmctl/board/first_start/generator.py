@@ -17,11 +17,11 @@ from edmctl.machine.interface import (
     ControllerSettings,
     CutRequest,
     MachineEvent,
+    MachineListener,
     MotionSettings,
     PulseLog,
     PulseMode,
     PulseSettings,
-    SampleListener,
     TelemetryBlock,
     TelemetryFlag,
     TelemetrySettings,
@@ -178,7 +178,7 @@ def _pulsing(setup: Setup, rest_um: float) -> ControllerSettings:
 
 
 @dataclass(slots=True)
-class Heard(SampleListener):
+class Heard(MachineListener):
     """A listener that keeps samples; `end` is when the generator was switched off."""
 
     blocks: list[TelemetryBlock] = field(default_factory=list)

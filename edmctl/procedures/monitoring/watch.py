@@ -12,6 +12,7 @@ from edmctl.array_types import Array
 from edmctl.machine.interface import (
     EventCode,
     MachineEvent,
+    MachineListener,
     MachineState,
     PulseBlockBatch,
     PulseTrain,
@@ -36,8 +37,8 @@ _DIRECTION[MachineState.APPROACH] = 1
 _DIRECTION[MachineState.MACHINING] = np.where(np.arange(256) & TelemetryFlag.ADVANCING, 1, -1)
 
 
-class Watch:
-    """A `MachineListener`: each sample goes to the estimator, the recorder, and a follower if any.
+class Watch(MachineListener):
+    """Passes each sample to the estimator, the recorder, and a follower if any.
 
     `latest` are the newest samples, None before the first.
 
