@@ -40,7 +40,7 @@ _GROUPS = {
     "simulate": "cli.commands.simulate:app",
     "firmware": "board.commands:app",
     "profile": "cli.commands.profile:app",
-    "run": "cli.run:app",
+    "run": "cli.commands.run:app",
     "study": "study.commands:app",
 }
 

@@ -453,12 +453,6 @@ def new_tool_without_reference() -> UsageError:
     )
 
 
-def two_folders_named(*, folder: object, out: object) -> UsageError:
-    return UsageError(
-        f"Two folders are named: {folder}, and {out} with --out.", hint="Leave one out.", code="E2063"
-    )
-
-
 def drift_duration_out_of_range(*, duration_s: float, setup: object) -> UsageError:
     return UsageError(
         f"{duration_s:g} s is no time for measuring drift.", hint=f"Give {setup}.", code="E2064"

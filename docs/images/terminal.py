@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.cli.commands.machine import closing_text
-from edmctl.cli.render.live_view import Histories, draw_view
+from edmctl.cli.render.live import draw_view
 from edmctl.cli.render.result_table import render_job
 from edmctl.cli.render.terminal import PLAIN, Style
 from edmctl.jobs.job import carry_out
@@ -46,15 +46,11 @@ class Snapshot:
     def __init__(self) -> None:
         self.notes: list[str] = []
         self.view: list[str] = []
-        self._histories = Histories()
 
     def progress(self, p: Progress) -> None:
         """Keep the first view past the moment."""
-        if self.view:
-            return
-        self._histories.update(p)
-        if p.depth_um > SHOWN_AT_UM and p.time_left_s > 0:
-            lines = draw_view(p, self._histories, WIDTH, HEIGHT, Style(colour=True, live=True))
+        if not self.view and p.depth_um > SHOWN_AT_UM and p.time_left_s > 0:
+            lines = draw_view(p, WIDTH, HEIGHT, Style(colour=True, live=True))
             self.view = [text for text, _ in lines]
 
     def note(self, text: str) -> None:
@@ -101,14 +97,14 @@ def _picture(snapshot: Snapshot) -> str:
 
 
 def _drawn_line(line: str, top: float) -> list[str]:
-    """The painted text of one line: words as text, bars and charts as shapes, so that no font can shift them."""
+    """The painted text of one line: words as text, bars as shapes, so that no font can shift them."""
     drawn: list[str] = []
     ink, column = "0", 0
     for part in re.split(r"(\x1b\[[0-9;]*m)", line):
         if part.startswith("\x1b"):
             ink = part[2:-1]
             continue
-        for match in re.finditer(r"█+|▒+|─+|│|[\u2800-\u28ff]+| +|(?:[^ █▒─│\u2800-\u28ff]| (?! ))+", part):
+        for match in re.finditer(r"█+|▒+|─+|│| +|(?:[^ █▒─│]| (?! ))+", part):
             run = match[0]
             if run.strip():
                 drawn.append(_shape(run, MARGIN + (column + match.start()) * CELL_W, top, ink))
@@ -131,26 +127,11 @@ def _shape(run: str, left: float, top: float, ink: str) -> str:
         case "│":
             at, height = left + CELL_W / 2, CELL_H - 2
             return f'<path d="M{at:g} {top + 1:g}v{height:g}" stroke="{colour}" stroke-width="2"/>'
-        case dots if "\u2800" <= dots <= "\u28ff":
-            return _dots(run, left, top, colour)
     weight = ";font-weight:bold" if ink == "1" else ""
     return (
         f'<text x="{left:g}" y="{top + 14:g}" textLength="{width:g}" style="fill:{colour}{weight}">'
         f"{html.escape(run)}</text>"
     )
-
-
-def _dots(run: str, left: float, top: float, colour: str) -> str:
-    """Braille cells, the dots of each column as one stroke."""
-    step_w, step_h = CELL_W / 2, CELL_H / 4
-    strokes = []
-    for i, cell in enumerate(run):
-        for side, bits in enumerate(((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))):
-            for level, bit in enumerate(bits):
-                if (ord(cell) - 0x2800) & bit:
-                    x, y = left + (2 * i + side) * step_w, top + level * step_h
-                    strokes.append(f"M{x + 0.5:.5g} {y + step_h / 2:.5g}h{step_w - 1:.4g}")
-    return f'<path d="{"".join(strokes)}" stroke="{colour}" stroke-width="{step_h - 0.6:g}"/>'
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from edmctl import failures
 from edmctl.cli.render.diagnostics import render_diagnostics
@@ -20,6 +20,9 @@ from edmctl.errors import Diagnostic, EdmError, Interrupted, MachineFault, Profi
 from edmctl.exitcodes import ExitCode, error_exit_code
 from edmctl.jsonout import SCHEMA, render_json, render_json_line
 from edmctl.start_up import refuse_wrong_clock
+
+if TYPE_CHECKING:
+    from edmctl.jobs.output_files import Sink
 
 _watching: list[Reporter] = []
 """Who is writing to stderr at present."""
@@ -199,10 +202,31 @@ def write(stream: TextIO, text: str) -> None:
         stream.write(text)
         stream.flush()
     except OSError as refused:
-        with suppress(OSError, ValueError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        _drain(stream)
         if not isinstance(refused, BrokenPipeError):
             raise
+
+
+@contextmanager
+def stdout_sink() -> Iterator[Sink]:
+    """Give a sink into stdout; a reader that goes away ends the block in order. Raises RunFileError E9010."""
+    from edmctl.jobs.output_files import Sink
+
+    sys.stdout.flush()
+    sink = Sink(sys.stdout.buffer, unwritable)
+    try:
+        yield sink
+        sink.flush()
+    except RunFileError as lost:
+        if not isinstance(lost.__cause__, BrokenPipeError):
+            raise
+        _drain(sys.stdout)
+
+
+def _drain(stream: TextIO) -> None:
+    """Let what the stream still holds go nowhere, so that Python does not fail at exit."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def note(output: Output, text: str) -> None:

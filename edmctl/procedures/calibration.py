@@ -218,8 +218,6 @@ class _Listener(MachineListener):
     lost_frames: int = 0
     newest_s: float = 0.0
     displacement_um: float = math.nan
-    low_um: float = math.nan
-    high_um: float = math.nan
 
     def begin(self) -> None:
         self.blocks.clear()
@@ -240,7 +238,6 @@ class _Listener(MachineListener):
         self.lost_frames += block.missing_frames
         self.newest_s = float(block.time_s[-1])
         self.displacement_um = float(block.displacement_um[-1])
-        self.low_um, self.high_um = float(block.displacement_um.min()), float(block.displacement_um.max())
         if not math.isnan(self.begin_s):
             self.report(Phase.CALIBRATING, self.newest_s)
 
@@ -256,8 +253,6 @@ class _Listener(MachineListener):
                 depth_target_um=math.nan,
                 displacement_um=self.displacement_um,
                 time_left_s=max(0.0, self.begin_s + self.duration_s - time_s),
-                displacement_low_um=self.low_um,
-                displacement_high_um=self.high_um,
             )
         )
 

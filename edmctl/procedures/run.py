@@ -31,7 +31,7 @@ from edmctl.profile.setup import Setup
 from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent
 from edmctl.results.job import SiteResult
 from edmctl.results.progress import Observer, Phase, Progress
-from edmctl.results.telemetry import BlockSummary, PulseShares, pulse_shares
+from edmctl.results.telemetry import PulseShares, pulse_shares
 
 MACHINING, MEASURING, MOVING = "machining", "measuring", "moving"
 """Phases of a job; while it is machining, the state is kept every few seconds too."""
@@ -239,7 +239,9 @@ class JobRun:
             seen = block.summary
             ratios = pulse_shares(*seen.counts)
             self.observer.progress(
-                self.progress(**of_samples(seen), ratios=ratios, displacement_um=seen.mean_um)
+                self.progress(
+                    time_s=seen.end_s, gap_v=seen.gap_mean_v, ratios=ratios, displacement_um=seen.mean_um
+                )
             )
 
     def progress(self, **values: Any) -> Progress:
@@ -259,18 +261,6 @@ class JobRun:
             "warned_s": tally.warned_s,
         }
         return Progress(**{**known, **values})
-
-
-def of_samples(seen: BlockSummary) -> dict[str, Any]:
-    """Return time, gap voltage and extremes of a block by the names of `Progress`."""
-    return {
-        "time_s": seen.end_s,
-        "gap_v": seen.gap_mean_v,
-        "gap_low_v": seen.gap_low_v,
-        "gap_high_v": seen.gap_high_v,
-        "displacement_low_um": seen.low_um,
-        "displacement_high_um": seen.high_um,
-    }
 
 
 def rest_and_look(run: JobRun, duration_s: float) -> None:

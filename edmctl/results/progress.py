@@ -23,17 +23,6 @@ class Phase(StrEnum):
     RETRACTING = "retracting"
 
 
-@dataclass(frozen=True, slots=True)
-class Extremes:
-    """Between what gap voltage and displacement were in a short time up to `time_s`; NaN is unknown."""
-
-    time_s: float
-    gap_low_v: float
-    gap_high_v: float
-    displacement_low_um: float
-    displacement_high_um: float
-
-
 @dataclass(slots=True)
 class Progress:
     """The state of a job, 10 Hz on a live line, 2 Hz in virtual time.
@@ -44,9 +33,7 @@ class Progress:
     wear. `feed_um` is their sum; `feed_target_um` is what the job wants of it where it wants no depth. `step` is
     the cut or pass under way, and `jumps` were made in it, the last one at `last_jump_s`.
 
-    Gap voltage and displacement have been between `…_low_…` and `…_high_…` since the last report; where that is
-    more than a tenth of a second ago, since the last of `past`, which holds what was before. `sites_done` of
-    `sites_total` places are finished. `warning` is the newest one, told at `warned_s`.
+    `sites_done` of `sites_total` places are finished. `warning` is the newest one, reported at `warned_s`.
     """
 
     phase: Phase
@@ -66,11 +53,6 @@ class Progress:
     feed_um_s: float = math.nan
     wear_um: float = math.nan
     wear_u95_um: float = math.nan
-    gap_low_v: float = math.nan
-    gap_high_v: float = math.nan
-    displacement_low_um: float = math.nan
-    displacement_high_um: float = math.nan
-    past: tuple[Extremes, ...] = ()
     jumps: int = 0
     jump_period_s: float = math.nan
     last_jump_s: float = math.nan

@@ -55,7 +55,6 @@ class BlockSummary:
     low_um: float
     high_um: float
     gap_mean_v: float
-    gap_low_v: float
     gap_high_v: float
     current_mean_a: float
     current_high_a: float
@@ -121,7 +120,6 @@ def _summarise(block: TelemetryBlock) -> BlockSummary:
         low_um=min(heights_um),
         high_um=max(heights_um),
         gap_mean_v=sum(gaps_v) / n,
-        gap_low_v=min(gaps_v),
         gap_high_v=max(gaps_v),
         current_mean_a=sum(currents_a) / n,
         current_high_a=max(currents_a),

@@ -51,7 +51,7 @@ def sketch(kind: Kind, _: RunFile) -> Figure:
 @pytest.fixture(autouse=True)
 def sketches(monkeypatch: pytest.MonkeyPatch) -> None:
     """What goes where is the question here; how the figures look is one of `tests/report`."""
-    monkeypatch.setattr("edmctl.cli.run.plot.draw", sketch)
+    monkeypatch.setattr("edmctl.cli.commands.run.draw", sketch)
     monkeypatch.setattr("edmctl.report.page.draw", sketch)
 
 
@@ -111,7 +111,7 @@ def test_every_kind_but_the_report_is_drawn_without_being_asked_for(
         asked.append(target.name)
         return b"a figure"
 
-    monkeypatch.setattr("edmctl.cli.run.plot._content", content)
+    monkeypatch.setattr("edmctl.cli.commands.run._content", content)
     assert here("run", "plot", str(run)).exit_code == 0
     assert asked == [kind.name for kind in KINDS] == list(NAMES[:-1])
 
@@ -225,7 +225,7 @@ def test_what_a_damaged_file_brings_about_is_its_own_fault(
     def fail(*_: object) -> Figure:
         raise ValueError("a text that is none")
 
-    monkeypatch.setattr("edmctl.cli.run.plot.draw", fail)
+    monkeypatch.setattr("edmctl.cli.commands.run.draw", fail)
     monkeypatch.setattr("edmctl.report.comparison.compare", fail)
     commands = (("plot", str(run), "--kind", "gap"), ("compare", str(run), str(run)))
     found = [here("run", *words, "--json").document["error"]["code"] for words in commands]

@@ -15,13 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.cli.render.live_view import Histories
 from edmctl.cli.render.progress import Reporter
 from edmctl.cli.signals import SignalArrived
 from edmctl.errors import RunFileError
 from edmctl.jobs.runs.follow import follow_run
 from edmctl.jobs.runs.summary import jumps_of
-from edmctl.machine.interface import MachineState
 from edmctl.record.rows import EventLevel, EventRow, RunEvent, ServoBlock, SlowRow, Summary
 from edmctl.record.writer import RunWriter
 from edmctl.results.run_file import FileEvent
@@ -118,50 +116,23 @@ def test_following_ends_with_the_run_and_tells_its_news(tmp_path: Path) -> None:
     assert newest.ratios.normal == pytest.approx(0.7)
 
 
-def test_a_look_takes_every_row_since_the_one_before(tmp_path: Path) -> None:
+def test_the_time_left_of_a_cut_is_that_of_its_mean_feed(tmp_path: Path) -> None:
     writer = RunWriter.create(tmp_path / "fast.h5", a_meta())
     plan = {"cut": 1, "feed_um": 200.0, "wear_ratio": 0.5, "target_um": 100.0}
     writer.append(EventRow(100.0, RunEvent.CUT_PLANNED, EventLevel.INFO, "Cut 1.", plan))
-    looks = 0
-
-    def machine(begin_s: float) -> None:
-        """Ten seconds at 100 Hz with one short dip, the tool going down by 0.3 µm/s."""
-        time_s = begin_s + 0.01 * np.arange(1000)
-        level, state = np.ones(1000), np.full(1000, int(MachineState.MACHINING))
-        gap_v = np.where(np.arange(1000) == 300, 1.5, 9.6)
-        z_um = 60.0 + 0.3 * (time_s - 100.0)
-        writer.append(ServoBlock(time_s, z_um / 3, z_um, z_um, gap_v, level, level, level.astype(int), state))
-        for now_s in time_s[9::10]:
-            fed_um = 0.3 * (now_s - 100.0)
-            row = replace(slow(now_s), feed_um_s=0.3, depth_um=fed_um / 1.5, wear_um=fed_um / 3.0)
-            writer.append(replace(row, wear_u95_um=0.7))
-        writer.flush()
-
-    def wait() -> None:
-        nonlocal looks
-        looks += 1
-        if looks < 4:
-            machine(100.0 + 10.0 * looks)
-        else:
-            writer.finish("done", 0)
-
-    machine(100.0)
-    seen, histories = Seen(), Histories()
-    follow_run(tmp_path / "fast.h5.partial", seen, wait)
-    for state in seen.states:
-        histories.update(state)
-    assert histories.gap_v.low == pytest.approx(1.5)
-    assert histories.gap_v.high == pytest.approx(9.6)
-    assert histories.displacement_um.low == pytest.approx(60.0)
-    # 40 s of rows: two thirds of a minute's columns show something, and each of these does.
-    shown = [column is not None for column in histories.gap_v.columns(120, seen.states[-1].time_s)]
-    assert sum(shown) == pytest.approx(80, abs=1)
-    assert "".join("#" if there else "." for there in shown).strip(".").count(".") == 0
-    newest = seen.states[3]
-    assert newest.time_s == pytest.approx(139.99)
-    assert newest.feed_um == pytest.approx(0.3 * 39.99, rel=1e-4)
+    for now_s in 100.0 + 0.1 * np.arange(1, 401):
+        fed_um = 0.3 * (now_s - 100.0)
+        writer.append(servo(now_s))
+        writer.append(
+            replace(slow(now_s), feed_um_s=0.3, depth_um=fed_um / 1.5, wear_um=fed_um / 3.0, wear_u95_um=0.7)
+        )
+    writer.flush()
+    seen = Seen()
+    follow_run(tmp_path / "fast.h5.partial", seen, lambda: writer.finish("done", 0) and None)
+    newest = seen.states[0]
+    assert (newest.time_s, newest.depth_target_um) == (pytest.approx(140.0), 100.0)
+    assert newest.feed_um == pytest.approx(12.0, rel=1e-4)
     assert newest.wear_u95_um == pytest.approx(0.7)
-    assert newest.depth_target_um == 100.0
     assert newest.time_left_s == pytest.approx((100.0 - newest.depth_um) * 1.5 / 0.3, rel=1e-3)
 
 

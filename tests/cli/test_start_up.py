@@ -82,7 +82,7 @@ def test_a_job_loads_only_what_it_uses(tmp_path: Path) -> None:
     unused = {
         "edmctl.actuator.identification",
         "edmctl.cli.commands.calibrate",
-        "edmctl.cli.run",
+        "edmctl.cli.commands.run",
         "edmctl.study.commands",
         "edmctl.procedures.channel.procedure",
         "edmctl.procedures.hole.resuming",

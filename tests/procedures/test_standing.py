@@ -11,9 +11,6 @@ from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.progress import Phase, Progress
 from tests.procedures.conftest import Shop
 
-ROUNDING = 1e-9
-"""Of a mean of equal values."""
-
 
 @pytest.fixture(scope="module")
 def states() -> list[Progress]:
@@ -23,20 +20,15 @@ def states() -> list[Progress]:
     return shop.told.states
 
 
-def test_a_watcher_sees_every_phase_and_extremes_that_hold_the_newest_values(states: list[Progress]) -> None:
+def test_a_watcher_sees_every_phase(states: list[Progress]) -> None:
     swings = [s for s in states if s.phase is Phase.CONDITIONING]
     assert len(swings) > 10
     assert max(b.time_s - a.time_s for a, b in pairwise(swings)) < 0.6
     assert max(s.displacement_um for s in swings) > 200.0
     assert {Phase.MOVING, Phase.MEASURING, Phase.APPROACHING, Phase.MACHINING} <= {s.phase for s in states}
     assert len(states) < 20.0 * (states[-1].time_s - states[0].time_s)
-    known = [s for s in states if math.isfinite(s.gap_low_v)]
-    assert len(known) > 0.9 * len(states)
-    for s in known:
-        assert s.gap_low_v - ROUNDING <= s.gap_v <= s.gap_high_v + ROUNDING
-        assert s.displacement_low_um <= s.displacement_high_um
     approach = [s for s in states if s.phase is Phase.APPROACHING and s.ratios.open > 0.0]
-    assert max(s.gap_high_v for s in approach) > approach[0].reference_v
+    assert max(s.gap_v for s in approach) > approach[0].reference_v
 
 
 def test_a_cut_tells_feed_wear_and_jumps(states: list[Progress]) -> None:
@@ -49,8 +41,8 @@ def test_a_cut_tells_feed_wear_and_jumps(states: list[Progress]) -> None:
     assert [s.jumps for s in cut] == sorted(s.jumps for s in cut)
     assert math.isnan(last.feed_target_um)
     deepest_um = max(s.displacement_um for s in states if s.phase is Phase.MACHINING)
-    jumped = [s.displacement_low_um for s in states if s.phase is Phase.JUMPING]
-    assert min(jumped) < deepest_um - 20.0
+    jumped = [s.displacement_um for s in states if s.phase is Phase.JUMPING]
+    assert min(jumped) < deepest_um - 10.0
 
 
 def test_the_newest_warning_is_told_from_then_on() -> None:

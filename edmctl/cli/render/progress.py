@@ -20,9 +20,7 @@ PASSING_PHASE = "jumping"
 _IN_A_CUT = ("machining", PASSING_PHASE)
 LINE_EVERY_S = 30.0
 EVENT_EVERY_S = 1.0
-_NOT_IN_EVENTS = {"gap_low_v", "gap_high_v", "displacement_low_um", "displacement_high_um", "past"}
-_NOT_IN_EVENTS |= {"last_jump_s", "warned_s"}
-_EVENT_KEYS = [one.name for one in fields(Progress) if one.name not in _NOT_IN_EVENTS]
+_EVENT_KEYS = [field.name for field in fields(Progress) if field.name not in ("last_jump_s", "warned_s")]
 
 
 class Reporter:

@@ -1,9 +1,4 @@
-"""Tables of many runs: a folder of them, some side by side, and the statistics of simulated ones.
-
-A folder stands with the newest last: where the eye is when a command has ended. Side by side it is told what was
-set differently, what came out, and whether the difference says anything. Of simulated runs it is told how far to
-trust what is measured.
-"""
+"""Tables of many runs: the runs of a folder, a comparison, and the statistics of simulated ones."""
 
 from __future__ import annotations
 
@@ -25,7 +20,7 @@ from edmctl.cli.render.terminal import (
 )
 from edmctl.labels import Basis, marked, meanings
 from edmctl.results.job import Case, Statistics
-from edmctl.results.run_file import Amount, Comparison, Quantity, RunHead, Unreadable
+from edmctl.results.run_file import Comparison, Quantity, RunHead, Unreadable
 from edmctl.wording import (
     UNKNOWN,
     decimal,
@@ -127,13 +122,6 @@ def _depth(run: RunHead) -> str:
     return marked(with_u95(run.depth_um, run.depth_u95_um), run.depth_basis)
 
 
-"""Columns that a narrow terminal does without, one after the other."""
-
-
-MOST_BESIDE = 4
-"""More runs than these have a row each: beside one another they would not fit on a terminal."""
-ROW_COLUMNS = 116
-"""A table with a row a run is as wide as this at most; what does not fit makes another."""
 MOST_LETTERS = 30
 """A longer value is cut off."""
 _TO_THE_MINUTE = 16
@@ -146,35 +134,45 @@ def letter(number: int) -> str:
 
 
 def render_comparison(comparison: Comparison, style: Style = PLAIN) -> str:
-    """Render the runs, what differs, and the quantities: a few runs beside each other, many below each other.
-
-    Where runs beside each other are wider than a terminal, they stand below each other.
-    """
+    """Render the runs, what differs, and the quantities: a column for each run and its difference from the first."""
     runs = comparison.runs
     letters = [letter(number) for number in range(len(runs))]
-    settings = {
-        named_with_unit(setting.key, setting.units): [_short(value) for value in setting.values]
-        for setting in comparison.differs
-    }
+    seeds = ["" if run.seed is None else f", seed {run.seed}" for run in runs]
     about = {
         "": letters,
         "file": [escaped(run.file) for run in runs],
         "started": [run.start[:_TO_THE_MINUTE].replace("T", " ") for run in runs],
         "status": [
-            f"{run.status}{', simulated' if run.simulated else ''}"
-            f"{'' if run.seed is None else f', seed {run.seed}'}"
-            for run in runs
+            f"{run.status}{', simulated' if run.simulated else ''}{seed}"
+            for run, seed in zip(runs, seeds, strict=True)
         ],
     }
     blocks = [render_table(about, style, left=list(about), cut_first="file")]
-    if not settings:
+    if comparison.differs:
+        header = ["what differs", *letters]
+        rows = [
+            [named_with_unit(setting.key, setting.units), *map(_short, setting.values)]
+            for setting in comparison.differs
+        ]
+        blocks.append(render_columns(header, rows, style))
+    else:
         blocks.append(f"Nothing was set differently in {', '.join(letters)}.")
-    tables = _beside(comparison, letters, settings)
-    columns = style.columns
-    fits = columns is None or all(width_of(table) <= columns for table in tables)
-    if len(runs) > MOST_BESIDE or not fits:
-        tables = _below(comparison, letters, settings, min(columns or ROW_COLUMNS, ROW_COLUMNS))
-    blocks += [render_table(table, style) for table in tables]
+    for heading, quantities in (("result", comparison.quantities), ("site", comparison.sites)):
+        table = {heading: [quantity.name for quantity in quantities]}
+        for number, name in enumerate(letters):
+            amounts = [(quantity, quantity.amounts[number]) for quantity in quantities]
+            table[name] = [
+                marked(_number(quantity, amount.value, amount.u95, decimal), amount.basis)
+                for quantity, amount in amounts
+            ]
+            if number:
+                table[f"{name} − A"] = [
+                    f"{_number(quantity, amount.difference, amount.difference_u95, signed)}"
+                    f"{' *' if amount.beyond else '  '}"
+                    for quantity, amount in amounts
+                ]
+        if quantities:
+            blocks.append(render_table(table, style))
     if any(math.isfinite(a.difference_u95) for q in comparison.quantities for a in q.amounts[1:]):
         bases = {a.basis for q in (*comparison.quantities, *comparison.sites) for a in q.amounts}
         reading = [
@@ -184,54 +182,6 @@ def render_comparison(comparison: Comparison, style: Style = PLAIN) -> str:
         ]
         blocks.append("\n".join(reading))
     return "\n\n".join(blocks)
-
-
-def _beside(
-    comparison: Comparison, letters: Sequence[str], settings: Mapping[str, Sequence[str]]
-) -> list[dict[str, list[str]]]:
-    """Tables with a column for each run, and one for its differences from the first."""
-    tables: list[dict[str, list[str]]] = []
-    if settings:
-        by_run = zip(*settings.values(), strict=True)
-        tables.append({"what differs": list(settings), **dict(zip(letters, map(list, by_run), strict=True))})
-    for heading, quantities in (("result", comparison.quantities), ("site", comparison.sites)):
-        if not quantities:
-            continue
-        table = {heading: [quantity.name for quantity in quantities]}
-        for number, name in enumerate(letters):
-            amounts = [(quantity, quantity.amounts[number]) for quantity in quantities]
-            table[name] = [_value(*one) for one in amounts]
-            if number:
-                table[f"{name} − A"] = [
-                    f"{_number(quantity, one.difference, one.difference_u95, signed)}{_mark(one)}"
-                    for quantity, one in amounts
-                ]
-        tables.append(table)
-    return tables
-
-
-def _below(
-    comparison: Comparison, letters: list[str], settings: Mapping[str, list[str]], columns: int
-) -> list[dict[str, list[str]]]:
-    """Tables with a row for each run, as many as fit their columns."""
-    quantities = {
-        quantity.name: [f"{_value(quantity, amount)}{_mark(amount)}" for amount in quantity.amounts]
-        for quantity in (*comparison.quantities, *comparison.sites)
-    }
-    tables: list[dict[str, list[str]]] = []
-    for name, cells in {**settings, **quantities}.items():
-        if not tables or width_of({**tables[-1], name: cells}) > columns:
-            tables.append({"": letters})
-        tables[-1][name] = cells
-    return tables
-
-
-def _mark(amount: Amount) -> str:
-    return " *" if amount.beyond else "  "
-
-
-def _value(quantity: Quantity, amount: Amount) -> str:
-    return marked(_number(quantity, amount.value, amount.u95, decimal), amount.basis)
 
 
 def _number(quantity: Quantity, value: float, u95: float, written: Callable[[float, int], str]) -> str:
@@ -249,11 +199,6 @@ _THOUSANDS = re.compile(r"(?<=\d)(?=(?:\d{3})+$)")
 
 def _short(text: str) -> str:
     return shortened(escaped(text) or UNKNOWN, MOST_LETTERS)
-
-
-"""More runs than these have a row each: beside one another they would not fit on a terminal."""
-"""A table with a row a run is as wide as this at most; what does not fit makes another."""
-"""A value longer than this is cut off, on a narrow terminal a shorter one."""
 
 
 _TRUE_NAMES = {"depth_um": "true depth, µm", "wear_um": "true wear, µm"}

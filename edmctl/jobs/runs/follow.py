@@ -6,97 +6,19 @@ import math
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass, field
 from edmctl.jobs.runs.explanation import DEBUG, LEFT_OUT, depths_of_holes, events_of
 from edmctl.labels import PAD, PARKING
 from edmctl.machine.interface import MachineState
 from edmctl.record.reader import RunFile, final_name, follow
-from edmctl.results.progress import Extremes, Observer, Phase, Progress
+from edmctl.results.progress import Observer, Phase, Progress
 from edmctl.results.run_file import FileEvent
 from edmctl.results.telemetry import PulseShares
 from edmctl.wording import duration, plain_number
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-
-SLICE_S = 0.1
-"""Period of a job's own reports."""
-SPAN_S = 60.0
-"""Time span of the live view."""
-MOST_ROWS = 60_000
-"""Rows in that time at 1 kHz, the highest rate there is."""
 PULSES_S = 2.0
 """Without a row for this time there are no pulses: the supervisor writes at least two rows a second of them."""
-_MOST_SLOW = int(10.0 * (SPAN_S + PULSES_S))
-
-
-@dataclass(frozen=True, slots=True)
-class Samples:
-    """The newest row, and the slices since the last look, of which the last one ends with it."""
-
-    time_s: float
-    gap_v: float
-    displacement_um: float
-    state: int
-    slices: tuple[Extremes, ...]
-
-
-class SampleReader:
-    """Reads each row once, however long ago the last look was. The first look goes back by `SPAN_S`."""
-
-    def __init__(self) -> None:
-        self._read = 0
-
-    def read(self, run: RunFile) -> Samples | None:
-        """Return the samples since the last call, or the newest again; None before the first sample."""
-        import numpy as np
-
-        rows = run.rows("/entry/servo")
-        if not rows:
-            return None
-        first = min(max(self._read, rows - MOST_ROWS), rows - 1)
-        self._read = rows
-        time_s, gap_v, sensor_um, model_um = (
-            run.column("/entry/servo", name, first, rows).astype(float)
-            for name in ("time", "v_gap_avg", "z_sensor", "z_model")
-        )
-        height_um = sensor_um if math.isfinite(sensor_um[-1]) else model_um
-        drawn = int(np.searchsorted(time_s, time_s[-1] - SPAN_S))
-        parts = np.floor(time_s[drawn:] / SLICE_S)
-        begins = drawn + np.flatnonzero(np.diff(parts, prepend=-1.0))
-        ends_s = time_s[np.append(begins[1:], len(time_s)) - 1]
-        lows_v, highs_v = (extreme.reduceat(gap_v, begins) for extreme in (np.fmin, np.fmax))
-        quiet = ~_with_pulses(run, ends_s)
-        lows_v[quiet] = highs_v[quiet] = math.nan
-        lows_um, highs_um = (extreme.reduceat(height_um, begins) for extreme in (np.fmin, np.fmax))
-        return Samples(
-            float(time_s[-1]),
-            float(gap_v[-1]),
-            float(height_um[-1]),
-            int(run.column("/entry/servo", "state", rows - 1, rows)[0]),
-            tuple(
-                Extremes(*map(float, row))
-                for row in zip(ends_s, lows_v, highs_v, lows_um, highs_um, strict=True)
-            ),
-        )
-
-
-def _with_pulses(run: RunFile, times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether there were pulses at each time, shape (n,)."""
-    import numpy as np
-
-    rows = run.rows("/entry/slow")
-    told_s = run.column("/entry/slow", "time", max(0, rows - _MOST_SLOW), rows).astype(float)
-    told_s = np.concatenate([[-math.inf], told_s])
-    since_s: NDArray[np.float64] = times_s - told_s[np.searchsorted(told_s, times_s, side="right") - 1]
-    found: NDArray[np.bool_] = since_s <= PULSES_S
-    return found
-
-
 LOOK_EVERY_S = 0.5
 FEED_AFTER_S = 10.0
 """The mean feed of a cut is used from this time on: one jump period."""
@@ -136,7 +58,6 @@ class _Watcher:
         by_depth = values.get("target.kind") == "depth"
         self._target_um = plain_number(values.get("target.depth_um")) if by_depth else math.nan
         self._by_feed = values.get("target.kind") == "feed"
-        self._samples = SampleReader()
         self._cut = _Cut()
         self._seen = 0
         self._tells = False
@@ -183,23 +104,26 @@ class _Watcher:
 
     def _state(self, run: RunFile) -> Progress | None:
         """The newest state; None before the first sample."""
-        samples = self._samples.read(run)
-        if samples is None:
+        rows = run.rows("/entry/servo")
+        if not rows:
             return None
-        newest = samples.slices[-1]
-        slow = _newest_slow(run, samples.time_s)
+        time_s, gap_v, sensor_um, model_um, state = (
+            float(run.column("/entry/servo", name, rows - 1, rows)[0])
+            for name in ("time", "v_gap_avg", "z_sensor", "z_model", "state")
+        )
+        slow = _newest_slow(run, time_s)
         depth_um, wear_um = slow.get("est_depth", math.nan), slow.get("est_wear", math.nan)
         fed_um = depth_um + wear_um
         return Progress(
-            phase=_phase(samples.state, machining=bool(slow)),
-            time_s=samples.time_s,
-            gap_v=samples.gap_v,
+            phase=_phase(int(state), machining=bool(slow)),
+            time_s=time_s,
+            gap_v=gap_v,
             reference_v=slow.get("s_ref", math.nan) * self._mean_open_v,
             ratios=PulseShares(*(slow.get(f"r_{name}", 0.0) for name in ("open", "normal", "arc", "short"))),
             depth_um=depth_um,
             depth_target_um=self._target_um,
-            displacement_um=samples.displacement_um,
-            time_left_s=self._cut.time_left_s(run, samples.time_s, fed_um, self._target_um - depth_um),
+            displacement_um=sensor_um if math.isfinite(sensor_um) else model_um,
+            time_left_s=self._cut.time_left_s(run, time_s, fed_um, self._target_um - depth_um),
             depth_u95_um=slow.get("est_depth_u95", math.nan),
             site=self._site if self._places > 1 else "",
             step=self._step,
@@ -208,11 +132,6 @@ class _Watcher:
             feed_um_s=slow.get("feed_um_s", math.nan),
             wear_um=wear_um,
             wear_u95_um=slow.get("est_wear_u95", math.nan),
-            gap_low_v=newest.gap_low_v,
-            gap_high_v=newest.gap_high_v,
-            displacement_low_um=newest.displacement_low_um,
-            displacement_high_um=newest.displacement_high_um,
-            past=samples.slices[:-1],
             jumps=self._jumps,
             jump_period_s=slow.get("jump_period", math.nan),
             last_jump_s=self._last_jump_s,

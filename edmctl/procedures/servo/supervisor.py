@@ -17,7 +17,7 @@ from edmctl.procedures.hole.cut_planning import CutPlan, discharge_energy_j, ene
 from edmctl.procedures.hole.hole_estimate import estimate_in_cut, with_unseen
 from edmctl.procedures.job import Counts, RunningCut, target_of
 from edmctl.procedures.monitoring.watch import NEWEST_S
-from edmctl.procedures.run import JobRun, of_samples
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.servo.adaptive import AdaptiveControl, ShortRecovery
 from edmctl.procedures.servo.limits import (
     RATIO_WINDOW_S,
@@ -133,7 +133,9 @@ class TelemetrySums:
         cut_s = max(0.0, seen.end_s - self._start_s)
         tally.depth_um, tally.machining_time_s = depth_um, self._machined_before_s + cut_s
         tally.cut = RunningCut(self.total, self.energy_j, cut_s, sparked_um)
-        progress = run.progress(**of_samples(seen), displacement_um=self.displacement_um, **values)
+        progress = run.progress(
+            time_s=seen.end_s, gap_v=seen.gap_mean_v, displacement_um=self.displacement_um, **values
+        )
         ratios = progress.ratios
         run.recorder.append(
             SlowRow(

@@ -10,7 +10,7 @@ import typer
 
 from edmctl import failures
 from edmctl.cli.options import NOTES, command, command_group
-from edmctl.cli.outcome import Outcome, stream_style, watching
+from edmctl.cli.outcome import Outcome, stdout_sink, stream_style, watching
 from edmctl.cli.render.terminal import (
     PLAIN,
     USUAL_COLUMNS,
@@ -170,9 +170,7 @@ def export(
     )
     content = table_bytes(table_of(state), str(request.form), columns_of(state))
     if request.to_stdout:
-        from edmctl.cli.run.export import stdout
-
-        with stdout() as sink:
+        with stdout_sink() as sink:
             sink.write(content)
         return
     path = request.path_of("runs")

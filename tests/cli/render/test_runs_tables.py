@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -22,25 +23,12 @@ def made_comparison(number: int, value: str = "0.8") -> Comparison:
     return Comparison(runs, settings, (Quantity("depth_um", "depth, µm", 2, 1.0, (amount,) * number),), ())
 
 
-def widest(text: str) -> int:
-    return max(len(line) for line in text.splitlines() if not line.startswith(("±", "*")))
-
-
-def test_a_comparison_fits_the_terminal() -> None:
-    for columns in (60, 80, 100, 160):
-        style = Style(colour=False, live=False, columns=columns)
-        for number in (2, 3, 4, 5):
-            assert widest(render_comparison(made_comparison(number), style)) <= columns
-
-
-def test_runs_that_do_not_fit_beside_each_other_stand_below_each_other() -> None:
-    beside, below = (
-        render_comparison(made_comparison(4), Style(colour=False, live=False, columns=columns))
-        for columns in (None, 80)
-    )
-    assert "D − A" in beside
-    assert "D − A" not in below
-    assert sum(line.startswith("D ") for line in below.splitlines()) == 2
+def test_a_comparison_has_two_columns_for_each_further_run_and_fits_a_terminal() -> None:
+    for number, columns in ((2, 60), (3, 80), (4, 120), (4, None)):
+        text = render_comparison(made_comparison(number), Style(colour=False, live=False, columns=columns))
+        lines = [line for line in text.splitlines() if not line.startswith(("±", "*"))]
+        assert columns is None or max(map(len, lines)) <= columns
+        assert len(re.findall("[B-D] − A", text)) == number - 1 or columns == 60
 
 
 def made(mean: float, sd: float = 0.5) -> Statistics:
