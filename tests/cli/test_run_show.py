@@ -128,9 +128,14 @@ def test_the_time_left_of_a_cut_is_that_of_its_mean_feed(tmp_path: Path) -> None
         )
     writer.flush()
     seen = Seen()
-    follow_run(tmp_path / "fast.h5.partial", seen, lambda: writer.finish("done", 0) and None)
+
+    def wait() -> None:
+        writer.finish("done", 0)
+
+    follow_run(tmp_path / "fast.h5.partial", seen, wait)
     newest = seen.states[0]
-    assert (newest.time_s, newest.depth_target_um) == (pytest.approx(140.0), 100.0)
+    assert newest.time_s == pytest.approx(140.0)
+    assert newest.depth_target_um == 100.0
     assert newest.feed_um == pytest.approx(12.0, rel=1e-4)
     assert newest.wear_u95_um == pytest.approx(0.7)
     assert newest.time_left_s == pytest.approx((100.0 - newest.depth_um) * 1.5 / 0.3, rel=1e-3)
