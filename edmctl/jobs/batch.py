@@ -196,7 +196,7 @@ def tasks_of(cases: Sequence[CheckedCase], first_seed: int, runs: int, out: Path
             seed,
             out,
             f"{plain_name(case.label)}-seed{seed}",
-            tuple(" ".join(hashes) for hashes in case.plan.loaded.recipes),
+            (" ".join(case.plan.loaded.recipe),),
         )
         for case in cases
         for seed in range(first_seed, first_seed + runs)

@@ -28,7 +28,6 @@ from edmctl.planning.erosion import of_tool, of_work
 from edmctl.planning.rules.load import LoadedProfile
 from edmctl.process.erosion import ErosionLaw, GapLaw
 from edmctl.profile.folders import data_folder, is_file, own_setup_path
-from edmctl.profile.model import CONTROLLER_SYNONYMS
 from edmctl.profile.setup import Setup, load_setup
 from edmctl.record.locks import is_alive
 
@@ -162,7 +161,6 @@ def known_controller(name: str) -> str:
     """Return the name of a controller. Raises UsageError E2049 if it is unknown."""
     from edmctl.simulator.config import CONTROLLERS
 
-    name = CONTROLLER_SYNONYMS.get(name, name)
     if name not in CONTROLLERS:
         raise failures.controller_unknown(name=name, controllers=", ".join(CONTROLLERS))
     return name

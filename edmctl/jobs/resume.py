@@ -178,7 +178,7 @@ def checked(
         if error.code != "E2001":
             raise
         raise resumption.changed("profile", job.profile, "is not there any more") from error
-    if (job.profile_sha256, job.sim_sha256) not in plan.loaded.recipes:
+    if (job.profile_sha256, job.sim_sha256) != plan.loaded.recipe:
         raise resumption.changed("profile", job.profile, "says something else by now")
     resumption.refuse_other_setup(plan.setup)
     refuse_untouchable(resumption, plan)

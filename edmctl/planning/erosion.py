@@ -11,7 +11,6 @@ from edmctl.dataclasses import dataclass, replace
 from edmctl.process.discharge import hole_area_um2, pulse_energy_uj, tool_area_um2
 from edmctl.process.erosion import GAP_LAW, SURFACE_UM, material, roughness_ra_um, side_gap_um
 from edmctl.process.steady_gap import GapRecipe, SteadyGap, steady_gap
-from edmctl.profile.findings import REFERENCE_MARGIN, REFERENCE_MAX
 from edmctl.profile.model import Profile, Regime
 
 LAW_U_REL = 0.10
@@ -19,6 +18,8 @@ LAW_U_REL = 0.10
 ARC_ROOM = 0.6  # share of the arcs that stop a job: an adaptive reference keeps no more
 LEAST_ARCS = 0.01  # a clean gap has so many: fewer cannot be kept
 LEVELS = 40
+REFERENCE_MARGIN, REFERENCE_MAX = 0.05, 0.95
+"""Least servo reference above the level of a gap that sparks at every pulse, and the highest."""
 USUAL_FEED_PER_DEPTH = 1.3
 MEAN_DEPTH_SHARE = 1.0 / math.sqrt(3.0)
 """Share of a hole's depth at which its flushing is what it is on average: it goes with the square of the depth."""

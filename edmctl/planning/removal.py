@@ -21,6 +21,8 @@ CATCHING_UP = 1.6
 """An approach that has to be faster than the feed is so much faster: the first sparks burn in clean oil."""
 LEAST_MACHINING_SHARE = 0.1
 """However much it jumps; a recipe that jumps more than 0.3 of the time is refused anyway."""
+PAD_MARGIN_UM = 50.0  # surface that remains between a hole and the reference pad, for the burr and the stages
+WALL_UM = 20.0  # wall between two holes or two sides of a channel
 HALF_AMPLITUDE_DESIGN_UM = 0.5
 """Swing (half-amplitude) below which shorts do not rise: 0.15 of the working gap, from a simulated sweep."""
 HALF_AMPLITUDE_LIMIT_UM = 1.0

@@ -1,14 +1,13 @@
-"""Schema errors and rule findings as diagnostics: code, place, remedy."""
+"""Schema errors as diagnostics: code, place, remedy."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import islice
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, Location
 from edmctl.failures import Code
-from edmctl.profile.findings import Finding
 from edmctl.profile.positions import KeyPath, Sources, TomlTable
 from edmctl.profile.read import dotted
 from edmctl.profile.tables import (
@@ -82,14 +81,6 @@ def schema_diagnostics(
 def _place(diagnostic: Diagnostic) -> tuple[str, int, int]:
     where = diagnostic.where
     return (where.file, where.line, where.column) if where else ("", 0, 0)
-
-
-def rule_diagnostics(findings: Sequence[Finding], sources: Sources) -> list[Diagnostic]:
-    """One diagnostic per finding, in the order of the rules."""
-    return [
-        Diagnostic(one.code, one.message, one.hint, one.where or sources.value(one.path), one.is_warning)
-        for one in findings
-    ]
 
 
 def _rank(code: Code) -> int:

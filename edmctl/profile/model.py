@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal, Self, TypeAlias
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag
 
 from edmctl.profile.tables import ONE_LINE, Coordinate, FileName, Line, Name, Table, entry
 
@@ -397,13 +397,6 @@ class Profile(Table):
         return self.model_copy(update={table: getattr(self, table).model_copy(update=values)})
 
 
-CONTROLLER_SYNONYMS = {"python": "firmware"}  # names in profiles and run files of former versions
-
-
-def _present_name(controller: object) -> object:
-    return CONTROLLER_SYNONYMS.get(controller, controller) if isinstance(controller, str) else controller
-
-
 class SimSettings(Table):
     """Constants of the simulated discharge process.
 
@@ -417,12 +410,8 @@ class SimSettings(Table):
     tool_wear: float | None = entry(
         None, "wear of the tool over that of copper; else by its material", ge=0.0, le=100.0
     )
-    controller: Annotated[
-        Literal["firmware", "firmware-float", "stm32"],
-        BeforeValidator(_present_name),
-    ] = entry(
-        "firmware",
-        "what drives it: the firmware's core, that in a board's arithmetic, or the image of a board",
+    controller: Literal["firmware", "firmware-float", "stm32"] = entry(
+        "firmware", "what drives it: the firmware's core, that in a board's arithmetic, or a board's image"
     )
     spread: float = entry(
         0.03, "relative sd by which every machine differs from the figures below", ge=0.0, le=0.5

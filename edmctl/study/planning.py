@@ -13,7 +13,7 @@ from edmctl.failures import Code
 from edmctl.files import user_path
 from edmctl.jobs.plan import JobRequest, Plan, check
 from edmctl.jobs.surroundings import NONE, Surroundings
-from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM
+from edmctl.planning.removal import PAD_MARGIN_UM, WALL_UM
 from edmctl.profile.folders import as_value, is_path
 from edmctl.profile.positions import SET_OPTION, KeyPath
 from edmctl.study import responses

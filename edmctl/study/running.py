@@ -88,7 +88,7 @@ def run_name(folder: Path, run: PlannedRun, attempt: int, start: datetime) -> Ru
 
 def refuse_other_recipe(plan: Plan, recipe: tuple[str, str] | None, run: PlannedRun) -> None:
     """Raise PreconditionError E8203 where a run's recipe in effect is not the one that was planned."""
-    if recipe is not None and recipe not in plan.loaded.recipes:
+    if recipe is not None and recipe != plan.loaded.recipe:
         raise failures.recipe_of_run_differs(number=run.number)
 
 

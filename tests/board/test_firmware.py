@@ -35,15 +35,6 @@ def test_build_refuses_another_arithmetic(here: Here) -> None:
     assert (said.exit_code, said.document["error"]["code"]) == (2, "E2048")
 
 
-def test_the_name_of_the_former_controller_is_that_of_the_core(here: Here) -> None:
-    results = []
-    for name in ("python", "firmware"):
-        said = here(*JOB, "--set", f"sim.controller={name}", "--out", name)
-        assert said.exit_code == 0, said.err
-        results.append({key: value for key, value in said.document["result"].items() if key != "journal"})
-    assert results[0] == results[1]
-
-
 def _series(here: Here, controller: str) -> object:
     """One run of a series under a controller."""
     said = here("simulate", *SHALLOW, "--runs", "1", "--seed", "1", "--controller", controller, "--json")

@@ -24,9 +24,9 @@ from edmctl.jobs.ledger.tool import (
 from edmctl.jobs.plan import Plan
 from edmctl.jobs.run_header import RunName
 from edmctl.planning.forecast import forecast
+from edmctl.planning.removal import PAD_MARGIN_UM
 from edmctl.planning.rules.sites import unreachable
 from edmctl.procedures.job import CalibratedActuator, Job, job_of
-from edmctl.profile.findings import PAD_MARGIN_UM
 from edmctl.profile.model import Profile
 from edmctl.record.ledger import Ledger, MachineHistory, SiteMachined, ToolAccount, history_of
 from edmctl.wording import coordinates, length

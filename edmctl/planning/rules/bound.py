@@ -1,16 +1,43 @@
-"""Rules that are declared: one value of a profile is bounded, or values exclude each other."""
+"""Findings of rules, and rules that are declared as the bound of a value."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from operator import attrgetter
-from typing import Self
+from typing import Self, TypeAlias
 
 from edmctl.dataclasses import dataclass, field, replace
+from edmctl.errors import Location
 from edmctl.failures import Code
 from edmctl.planning.forecast import Job
-from edmctl.profile.findings import Finding, rounded_down, rounded_up
 from edmctl.profile.model import Profile
+from edmctl.profile.positions import KeyPath
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One violated rule, at the value of a key or item, or at a line of a file that it names (`where`)."""
+
+    code: Code
+    key: str | KeyPath
+    message: str
+    hint: str
+    where: Location | None = None
+
+
+Findings: TypeAlias = Iterator[Finding]
+Rule: TypeAlias = Callable[[Job], Findings]
+
+
+def rounded_up(value: float) -> str:
+    """Return a lower limit as a hint gives it, rounded up to tenths."""
+    return f"{math.ceil(10.0 * value - 1e-9) / 10.0:.6g}"
+
+
+def rounded_down(value: float) -> str:
+    """Return an upper limit as a hint gives it, rounded down to tenths."""
+    return f"{math.floor(10.0 * value + 1e-9) / 10.0:.6g}"
 
 
 class _Values(dict[str, object]):
@@ -25,57 +52,35 @@ class _Values(dict[str, object]):
 
 
 @dataclass(frozen=True, slots=True)
-class _Declared:
+class Bound:
+    """A value that has to compare with a limit as `holds` states, where the rule applies (`when`).
+
+    The limit is a number, the value of another key, or a function of the job. Texts may name keys of the profile
+    (`{work.thickness_um:g}`), `{value}`, `{limit}`, and the limit rounded to tenths, `{least}` up and `{most}` down.
+    """
+
     code: Code
     key: str
+    holds: Callable[[float, float], bool]
+    limit: float | str | Callable[[Job], float]
+    when: Callable[[Profile], bool] = lambda _: True
     message: str = field(default="", kw_only=True)
     hint: str = field(default="", kw_only=True)
 
     def says(self, message: str, hint: str) -> Self:
-        """Return the rule with its texts, which may name keys of the profile: `{work.thickness_um:g}`."""
+        """Return the rule with its texts."""
         return replace(self, message=message, hint=hint)
 
-    def _finding(self, profile: Profile, **values: object) -> Finding:
-        named = _Values(profile, **values)
-        path = tuple(self.key.split("."))
-        return Finding(self.code, path, self.message.format_map(named), self.hint.format_map(named))
-
-
-@dataclass(frozen=True, slots=True)
-class Conflict(_Declared):
-    """Values of a profile that exclude each other."""
-
-    is_violated: Callable[[Profile], bool]
-
-    def __call__(self, job: Job) -> Iterator[Finding]:
+    def __call__(self, job: Job) -> Findings:
         """Yield the finding if the rule is violated."""
-        if self.is_violated(job.profile):
-            yield self._finding(job.profile)
-
-
-@dataclass(frozen=True, slots=True)
-class Bound(_Declared):
-    """A value that has to compare with a limit as `holds` states, where the rule applies (`when`).
-
-    The limit is a number, the value of another key, or a function of the job. Texts may also name `{value}`,
-    `{limit}`, and the limit rounded up and down to tenths, `{least}` and `{most}`.
-    """
-
-    holds: Callable[[float, float], bool]
-    limit: float | str | Callable[[Job], float]
-    when: Callable[[Profile], bool] = lambda _: True
-
-    def __call__(self, job: Job) -> Iterator[Finding]:
-        """Yield the finding if the rule is violated."""
-        if not self.when(job.profile):
+        profile, limit = job.profile, self.limit
+        if not self.when(profile):
             return
-        value, limit = _value(job.profile, self.key), self.limit
+        value = float(attrgetter(self.key)(profile))
         if not isinstance(limit, float):
-            limit = _value(job.profile, limit) if isinstance(limit, str) else limit(job)
+            limit = float(attrgetter(limit)(profile)) if isinstance(limit, str) else limit(job)
         if not self.holds(value, limit):
-            least, most = rounded_up(limit), rounded_down(limit)
-            yield self._finding(job.profile, value=value, limit=limit, least=least, most=most)
-
-
-def _value(profile: Profile, key: str) -> float:
-    return float(attrgetter(key)(profile))
+            texts = _Values(
+                profile, value=value, limit=limit, least=rounded_up(limit), most=rounded_down(limit)
+            )
+            yield Finding(self.code, self.key, self.message.format_map(texts), self.hint.format_map(texts))

@@ -1,9 +1,11 @@
-"""Loading a profile: file, the files it extends, overrides, all checks; and a line of each shipped one."""
+"""Loading a profile: file, the files it extends, overrides, all rules; and a line of each shipped one."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,18 +13,12 @@ from pydantic import BaseModel, ValidationError
 
 from edmctl.dataclasses import astuple, dataclass, replace
 from edmctl.errors import Diagnostic, ProfileError
-from edmctl.planning.erosion import with_expected_erosion
-from edmctl.planning.forecast import Job
-from edmctl.planning.rules.pulse import sim_agrees
-from edmctl.planning.rules.target import time_limit
-from edmctl.planning.rules.violations import (
-    in_share_only,
-    partial_profile,
-    violations,
-    with_time_limit,
-)
-from edmctl.profile.diagnose import rule_diagnostics, schema_diagnostics, schema_problems
-from edmctl.profile.findings import Finding
+from edmctl.failures import Code
+from edmctl.planning.erosion import recipes_of, with_expected_erosion, with_regimes, with_sought_reference
+from edmctl.planning.forecast import Job, forecast
+from edmctl.planning.rules import motion, pulse, sites, target
+from edmctl.planning.rules.bound import Finding, Findings, Rule
+from edmctl.profile.diagnose import schema_diagnostics, schema_problems
 from edmctl.profile.folders import find_profile, shipped_profiles
 from edmctl.profile.model import Profile, ProfileFile, SimSettings
 from edmctl.profile.places import Place, places
@@ -31,6 +27,82 @@ from edmctl.profile.read import apply_overrides, read_chain
 from edmctl.profile.setup import Setup
 from edmctl.results.result import Forecast, ProfileSummary
 
+OF_PULSES: tuple[Rule, ...] = (
+    pulse.reference_window,
+    motion.slope_against_feed,
+    motion.limit_cycle,
+    pulse.pulse_energy,
+    *pulse.BOUNDS,
+    pulse.discharge_time,
+    pulse.within_the_laws,
+)
+"""What holds for pulses and reference of every regime."""
+SHARES = 1e-6
+TIME_LIMIT_FORECASTS = 3.0
+
+
+def regimes(job: Job) -> Findings:
+    """Rule 37: shares make up the whole depth of one blind hole, and every regime is a recipe that works."""
+    profile = job.profile
+    if not profile.regimes:
+        return
+    unsuited = (
+        (profile.target.kind != "depth", f'target.kind = "{profile.target.kind}"'),
+        (bool(profile.sites), "[[sites]]"),
+        (profile.path is not None, "[path]"),
+        (profile.wear.remeasure == "never", 'wear.remeasure = "never"'),
+        (profile.pulse.mode == "isopulse", 'pulse.mode = "isopulse"'),
+    )
+    wrong = [
+        (f"regimes are for the measured depth of one blind hole, not for {what}", "leave one of the two out")
+        for is_unsuited, what in unsuited
+        if is_unsuited
+    ]
+    whole = math.fsum(regime.share for regime in profile.regimes)
+    if abs(whole - 1.0) > SHARES:
+        share = 1.0 - whole + profile.regimes[-1].share
+        message = f"the shares of all regimes are {whole:g} together, not 1"
+        wrong.append((message, f"the last one could have {share:.3g}"))
+    names = Counter(regime.name for regime in profile.regimes)
+    wrong += [(f"two regimes are called {name}", "give each a name") for name, n in names.items() if n > 1]
+    if wrong:
+        yield Finding(Code.REGIMES, "regimes", *wrong[0])
+        return
+    for number, recipe in enumerate(recipes_of(with_regimes(profile))):
+        if recipe.profile.pulse == profile.pulse and recipe.profile.servo == profile.servo:
+            continue  # its findings are those of the profile
+        alone = Job(recipe.profile.model_copy(update={"regimes": []}), job.setup, job.places)
+        for one in (one for rule in OF_PULSES for one in rule(alone)):
+            yield replace(one, key=("regimes", number), message=f"regime {recipe.name}: {one.message}")
+
+
+BEFORE_ALL: tuple[Rule, ...] = (pulse.reference_stated_once, sites.path_keys, pulse.does_nothing)
+"""Rules without which nothing can be calculated: the others are checked once these are kept."""
+RULES: tuple[Rule, ...] = (
+    pulse.reference_window,
+    motion.stroke,
+    motion.slope_against_feed,
+    motion.limit_cycle,
+    *motion.BOUNDS,
+    motion.jump,
+    pulse.pulse_energy,
+    *pulse.BOUNDS,
+    pulse.discharge_time,
+    target.tolerance,
+    *target.BOUNDS,
+    target.kinds,
+    sites.names,
+    sites.clear_of_each_other,
+    sites.within_reach,
+    sites.array_wear,
+    sites.LAYER,
+    target.depth_beyond_tolerance,
+    pulse.known_materials,
+    pulse.within_the_laws,
+    regimes,
+)
+"""Every other rule. Rule 12 (one touch speed for Z1, Z2 and Z3) has no key to break it."""
+
 
 @dataclass(frozen=True, slots=True)
 class LoadedProfile:
@@ -38,7 +110,9 @@ class LoadedProfile:
 
     `text` is the file verbatim. `sha256` is of the recipe in effect (after `extends`, `--set` and defaults),
     `sim_sha256` of the `[sim]` table in effect: equal hashes mean equal jobs, however they were written. `places`
-    are those of `[[sites]]`, those from files too; none where the job is one hole or a channel.
+    are those of `[[sites]]`, those from files too; none where the job is one hole or a channel. `forecast` is of the
+    job on the machine that it was checked for. `stated` is what files and overrides state; all else are defaults or
+    follows from it.
     """
 
     profile: Profile
@@ -50,14 +124,13 @@ class LoadedProfile:
     overrides: tuple[str, ...]
     warnings: tuple[Diagnostic, ...]
     places: tuple[Place, ...]
-    forecast: Forecast  # of the job on the machine that it was checked for
+    forecast: Forecast
     stated: TomlTable
-    """What the file, the files that it extends and the overrides state; all else are defaults or follows from it."""
 
     @property
-    def recipes(self) -> tuple[tuple[str, str], ...]:
-        """Both hashes; then those of earlier versions, in which the controller in C was not the only one."""
-        return (self.sha256, self.sim_sha256), (self.sha256, _sha256(self.sim))
+    def recipe(self) -> tuple[str, str]:
+        """Both hashes."""
+        return self.sha256, self.sim_sha256
 
     def __repr__(self) -> str:
         changed = f", {len(self.overrides)} values overridden" if self.overrides else ""
@@ -69,85 +142,106 @@ def load_profile(
 ) -> LoadedProfile:
     """Load and check a profile by path or shipped name.
 
-    `overrides` are `key=value` texts; `setup` is the machine it is checked for, by default the stock one.
-    Raises ProfileError with every diagnostic, UsageError when there is no such profile.
+    `overrides` are `key=value` texts; `setup` is the machine it is checked for, by default the stock one. Rules are
+    checked once every value can be read. Raises ProfileError with every wrong value or every violated rule,
+    UsageError when there is no such profile.
     """
     machine = setup if setup is not None else Setup()
     path = find_profile(name_or_path)
     file = read_chain(path)
     merged = apply_overrides(file, overrides)
     sources = Sources(merged.sources, file.sources[0])
-    written = _written(merged.table, sources, machine)
+    try:
+        written = ProfileFile.model_validate(merged.table)
+    except ValidationError as error:
+        problems = schema_problems(error, ProfileFile, merged.table)
+        wrong = schema_diagnostics(problems, ProfileFile, merged.table, sources)
+        raise ProfileError(tuple(wrong)) from None
     recipe = Profile.model_construct(
         _fields_set=written.model_fields_set - {"sim"},
         **{name: getattr(written, name) for name in Profile.model_fields},
     )
-    found, unread = _places(recipe, path, sources)
-    warnings = _refuse_errors(violations(recipe, machine, found), sources, unread)
-    profile = with_time_limit(with_expected_erosion(in_share_only(recipe)), machine, found)
-    job = Job(profile, machine, found)
-    late = [*time_limit(job), *sim_agrees(profile, written.sim)]
-    warnings += _refuse_errors(late, sources)
+    placed = _places(recipe, sources)
+    job = Job(recipe, machine, placed)
+    warnings = _refuse_errors([one for rule in BEFORE_ALL for one in rule(job)], sources)
+    with_share = _with_share(recipe)
+    job = Job(with_expected_erosion(with_share), machine, placed)
+    findings = [one for rule in RULES for one in rule(job)]
+    if all(one.code.startswith("W") for one in findings):
+        findings += pulse.stated_agrees(Job(with_share, machine))
+    warnings += _refuse_errors(findings, sources)
+    job = Job(_with_time_limit(_completed(with_share), machine, placed), machine, placed)
+    late = [*target.time_limit(job), *pulse.sim_agrees(job.profile, written.sim)]
     return LoadedProfile(
-        profile=profile,
+        profile=job.profile,
         sim=written.sim,
         path=path,
         text=file.sources[0].text,
-        sha256=_sha256(profile, found),
-        sim_sha256=_sha256(_as_before(written.sim)),
+        sha256=_sha256(job.profile, placed),
+        sim_sha256=_sha256(written.sim),
         overrides=merged.changes,
-        warnings=warnings,
-        places=found,
+        warnings=warnings + _refuse_errors(late, sources),
+        places=placed,
         forecast=job.forecast,
         stated=merged.table,
     )
 
 
-def _written(table: TomlTable, sources: Sources, machine: Setup) -> ProfileFile:
-    """Validate a table as a profile; report wrong values together with violated rules."""
-    try:
-        return ProfileFile.model_validate(table)
-    except ValidationError as error:
-        problems = schema_problems(error, ProfileFile, table)
-    wrong = schema_diagnostics(problems, ProfileFile, table, sources)
-    wrong += rule_diagnostics(violations(partial_profile(table, problems), machine), sources)
-    raise ProfileError(tuple(wrong))
-
-
-def _places(
-    profile: Profile, path: Path, sources: Sources
-) -> tuple[tuple[Place, ...], tuple[Diagnostic, ...]]:
-    """Return the places of a profile, or why they are unknown."""
-    if not profile.sites:
-        return (), ()
+def _places(profile: Profile, sources: Sources) -> tuple[Place, ...]:
+    """Return the places of a profile. Raises ProfileError; what has no line of its own is located at `sites`."""
     where = sources.value(("sites",))
     folder = Path() if where.file == SET_OPTION else Path(where.file).parent
     try:
-        return places(profile, folder), ()
+        return places(profile, folder)
     except ProfileError as error:
-        return (), tuple(replace(d, where=d.where or where) for d in error.diagnostics)
+        diagnostics = (replace(one, where=one.where or where) for one in error.diagnostics)
+        raise ProfileError(tuple(diagnostics)) from None
 
 
-def _refuse_errors(
-    findings: list[Finding], sources: Sources, others: tuple[Diagnostic, ...] = ()
-) -> tuple[Diagnostic, ...]:
+def _refuse_errors(findings: Sequence[Finding], sources: Sources) -> tuple[Diagnostic, ...]:
     """Return the warnings. Raises ProfileError with all diagnostics if one is an error."""
-    diagnostics = (*rule_diagnostics(findings, sources), *others)
-    if all(d.is_warning for d in diagnostics):
+    diagnostics = tuple(_diagnostic(one, sources) for one in findings)
+    if all(one.is_warning for one in diagnostics):
         return diagnostics
     raise ProfileError(diagnostics)
 
 
-def _as_before(sim: SimSettings) -> SimSettings:
-    """Return the settings with the former name of the controller, which the hash contains."""
-    return sim.model_copy(update={"controller": "python"}) if sim.controller == "firmware" else sim
+def _diagnostic(one: Finding, sources: Sources) -> Diagnostic:
+    key = tuple(one.key.split(".")) if isinstance(one.key, str) else one.key
+    where = one.where or sources.value(key)
+    return Diagnostic(one.code, one.message, one.hint, where, one.code.startswith("W"))
 
 
-def _sha256(model: BaseModel, found: tuple[Place, ...] = ()) -> str:
+def _with_share(profile: Profile) -> Profile:
+    """Return the profile with its servo reference as a share of the open voltage."""
+    if profile.adaptive.seek_reference:
+        return with_sought_reference(profile)
+    if profile.servo.reference_v is None:
+        return profile
+    return profile.having("servo", reference=profile.servo.reference_v / profile.pulse.duty_voltage_v)
+
+
+def _completed(profile: Profile) -> Profile:
+    """Fill in what regimes leave to the profile, and what is expected of materials; the reference is a share."""
+    stated = with_regimes(profile)
+    if stated.servo.reference_v is not None:
+        stated = stated.having("servo", reference_v=None)
+    return with_expected_erosion(stated)
+
+
+def _with_time_limit(profile: Profile, setup: Setup, placed: tuple[Place, ...]) -> Profile:
+    """Fill in the time limit where none is given, from the forecast."""
+    if "max_time_s" in profile.limits.model_fields_set:
+        return profile
+    max_time_s = TIME_LIMIT_FORECASTS * forecast(profile, setup, placed).time_s
+    return profile.having("limits", max_time_s=max_time_s)
+
+
+def _sha256(model: BaseModel, placed: tuple[Place, ...] = ()) -> str:
     """Hash of a table, and of the places that it does not hold itself."""
     values = model.model_dump(by_alias=True)
-    if found:
-        values["places"] = [astuple(replace(place, where=None))[:-1] for place in found]
+    if placed:
+        values["places"] = [astuple(replace(place, where=None))[:-1] for place in placed]
     canonical = json.dumps(values, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(canonical.encode()).hexdigest()
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from operator import gt, le, lt
 
 from edmctl.failures import Code
 from edmctl.planning.erosion import (
+    REFERENCE_MARGIN,
+    REFERENCE_MAX,
     expected_gap,
     expected_side_gap_um,
     expected_wear_ratio,
@@ -16,11 +17,10 @@ from edmctl.planning.erosion import (
     usual_depth_um,
 )
 from edmctl.planning.forecast import Job
-from edmctl.planning.rules.bound import Bound, Conflict
+from edmctl.planning.rules.bound import Bound, Finding, Findings
 from edmctl.process.discharge import pulse_energy_uj
 from edmctl.process.erosion import LAW, material, materials
-from edmctl.profile.findings import REFERENCE_MARGIN, REFERENCE_MAX, Finding
-from edmctl.profile.model import Profile, SimSettings
+from edmctl.profile.model import Profile, Pulse, SimSettings
 
 ROUNDING = 1e-9  # a reference written as the very limit passes, though 0.55 + 0.05 is not 0.60 in binary
 VOLTAGE_ROOM_V = 5.0
@@ -44,7 +44,7 @@ ROOM_FOR_REFERENCE = Bound(
     "use more than {limit:g} V",
 )
 """Rule 1: otherwise no pulse can be expected to ignite."""
-PULSE_TIMES = (
+BOUNDS = (
     Bound(
         Code.PULSE_TIMES, "pulse.frequency_hz", le, lambda job: 1e6 * job.profile.pulse.duty / ON_TIME_MIN_US
     ).says(
@@ -62,32 +62,12 @@ PULSE_TIMES = (
         f"{OFF_TIME_MIN_US:g} µs: the channel does not de-ionise and burns on as an arc",
         "use at most {most} Hz, or a smaller duty",
     ),
-)
-"""Rule 9: on-time long enough to ignite, off-time long enough to de-ionise."""
-FILTER_CORNER = Bound(
-    Code.FILTER, "servo.filter_hz", le, lambda job: job.profile.pulse.frequency_hz / FILTER_PERIODS
-).says(
-    "filter corner {value:g} Hz is above {limit:g} Hz (pulse frequency {pulse.frequency_hz:g} Hz / "
-    f"{FILTER_PERIODS:g}): single pulses move the tool",
-    "use at most {limit:g} Hz; 20 Hz is usual",
-)
-"""Rule 13: the low-pass averages enough pulses."""
-DISCHARGE_TIME = (
-    Conflict(
-        Code.DISCHARGE_TIME,
-        "pulse.mode",
-        lambda profile: profile.pulse.mode == "isopulse" and profile.pulse.discharge_us is None,
+    Bound(
+        Code.FILTER, "servo.filter_hz", le, lambda job: job.profile.pulse.frequency_hz / FILTER_PERIODS
     ).says(
-        "isopulse needs the burning time of a discharge, and pulse.discharge_us is not given",
-        f"add discharge_us, at least {DISCHARGE_MARGIN_US:g} µs below the on-time of {{pulse.on_time_us:.4g}} µs",
-    ),
-    Conflict(
-        Code.DISCHARGE_TIME,
-        "pulse.discharge_us",
-        lambda profile: profile.pulse.mode != "isopulse" and profile.pulse.discharge_us is not None,
-    ).says(
-        "discharge_us {pulse.discharge_us:g} has no meaning in {pulse.mode} mode",
-        'remove it, or set mode = "isopulse"',
+        "filter corner {value:g} Hz is above {limit:g} Hz (pulse frequency {pulse.frequency_hz:g} Hz / "
+        f"{FILTER_PERIODS:g}): single pulses move the tool",
+        "use at most {limit:g} Hz; 20 Hz is usual",
     ),
     Bound(
         Code.DISCHARGE_TIME,
@@ -100,101 +80,113 @@ DISCHARGE_TIME = (
         "use less than {most} µs",
     ),
 )
-"""Rule 15: a set discharge time goes with isopulse, and fits into the on-time."""
 
 
-def reference_window(job: Job) -> Iterator[Finding]:
+def discharge_time(job: Job) -> Findings:
+    """Rule 15: a discharge time is set in isopulse mode, and only there."""
+    pulse, code = job.profile.pulse, Code.DISCHARGE_TIME
+    if pulse.mode == "isopulse" and pulse.discharge_us is None:
+        hint = f"add it, at least {DISCHARGE_MARGIN_US:g} µs below the on-time of {pulse.on_time_us:.4g} µs"
+        yield Finding(code, "pulse.mode", "isopulse needs pulse.discharge_us, the burning time", hint)
+    elif pulse.mode != "isopulse" and pulse.discharge_us is not None:
+        message = f"discharge_us {pulse.discharge_us:g} has no meaning in {pulse.mode} mode"
+        yield Finding(code, "pulse.discharge_us", message, 'remove it, or set mode = "isopulse"')
+
+
+def reference_stated_once(job: Job) -> Findings:
+    """Rule 16: the servo reference is given as a share or in volts, not twice and not never."""
+    servo = job.profile.servo
+    given = servo.model_fields_set & {"reference", "reference_v"}
+    if len(given) == 2:
+        both = f"reference {servo.reference:g} and reference_v {servo.reference_v:g} V"
+        message = f"the servo reference is given twice: {both}"
+        yield Finding(Code.REFERENCE_ONCE, "servo.reference_v", message, "remove one of the two")
+    elif not given and not job.profile.adaptive.seek_reference:
+        hint = "add reference = 0.80 to [servo], or seek_reference = true to [adaptive]"
+        yield Finding(Code.REFERENCE_ONCE, "servo", "servo.reference is missing", hint)
+
+
+def reference_window(job: Job) -> Findings:
     """Rule 1: the reference lies between an all-sparking and an all-open gap."""
-    if wrong := list(ROOM_FOR_REFERENCE(job)):
-        yield from wrong
-        return
     pulse, servo = job.profile.pulse, job.profile.servo
     low, unit = pulse.rho + REFERENCE_MARGIN, pulse.duty_voltage_v
     if low - ROUNDING <= servo.reference <= REFERENCE_MAX + ROUNDING:
         return
-    volts = servo.reference_v is not None
-    shown = f"{servo.reference_v:g} V (level {servo.reference:.3f})" if volts else f"{servo.reference:g}"
-    window = f"{low:.2f} to {REFERENCE_MAX:.2f}"
-    in_volts = f"{low * unit:.2f} to {REFERENCE_MAX * unit:.2f} V"
-    reason = (
-        f"a gap that sparks at every pulse reads {pulse.rho:.2f}, so the servo would ask for shorts"
-        if servo.reference < low
-        else "hardly a pulse ignites there"
-    )
-    message = f"servo reference {shown} is outside {window}: {reason}"
-    hint = f"choose {in_volts if volts else window}; 0.80 is usual, 0.70 is fast, 0.88 finishes"
-    yield Finding(Code.REFERENCE_WINDOW, ("servo", "reference_v" if volts else "reference"), message, hint)
+    key, given = "servo.reference", f"{servo.reference:g}"
+    window = choice = f"{low:.2f} to {REFERENCE_MAX:.2f}"
+    if servo.reference_v is not None:
+        key, given = "servo.reference_v", f"{servo.reference_v:g} V (level {servo.reference:.3f})"
+        choice = f"{low * unit:.2f} to {REFERENCE_MAX * unit:.2f} V"
+    reason = "hardly a pulse ignites there"
+    if servo.reference < low:
+        reason = f"a gap that sparks at every pulse reads {pulse.rho:.2f}, so the servo would ask for shorts"
+    message = f"servo reference {given} is outside {window}: {reason}"
+    hint = f"choose {choice}; 0.80 is usual, 0.70 is fast, 0.88 finishes"
+    yield Finding(Code.REFERENCE_WINDOW, key, message, hint)
 
 
-def pulse_energy(job: Job) -> Iterator[Finding]:
+def _energy_uj(pulse: Pulse) -> float:
+    return pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.burning_time_us)
+
+
+def pulse_energy(job: Job) -> Findings:
     """Rule 8: the pulse energy suits micro-EDM and the tool."""
-    pulse, tool = job.profile.pulse, job.profile.tool
-    energy_uj = pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.burning_time_us)
-    made_of = (
-        f"{pulse.discharge_voltage_v:g} V x {pulse.current_a:g} A x {pulse.burning_time_us:.4g} µs "
-        f"= {energy_uj:.4g} µJ"
-    )
-    problem, hint = "", "lower the current, or the duty, or raise the frequency"
+    pulse, diameter_um = job.profile.pulse, job.profile.tool.diameter_um
+    energy_uj, problem = _energy_uj(pulse), ""
     if not ENERGY_MIN_UJ <= energy_uj <= ENERGY_MAX_UJ:
         problem = f"is outside {ENERGY_MIN_UJ:g} to {ENERGY_MAX_UJ:g} µJ"
-        hint = hint if energy_uj > ENERGY_MAX_UJ else "raise the current or the duty"
-    elif tool.diameter_um < FINE_TOOL_UM and energy_uj > FINE_TOOL_ENERGY_UJ:
-        problem = (
-            f"is high for a tool of {tool.diameter_um:g} µm (below {FINE_TOOL_UM:g} µm: at most "
-            f"{FINE_TOOL_ENERGY_UJ:g} µJ)"
-        )
+    elif diameter_um < FINE_TOOL_UM and energy_uj > FINE_TOOL_ENERGY_UJ:
+        fine = f"below {FINE_TOOL_UM:g} µm at most {FINE_TOOL_ENERGY_UJ:g} µJ"
+        problem = f"is high for a tool of {diameter_um:g} µm: {fine}"
     if problem:
-        yield Finding(Code.PULSE_ENERGY, ("pulse", "current_a"), f"pulse energy {made_of} {problem}", hint)
+        message = (
+            f"pulse energy {pulse.discharge_voltage_v:g} V x {pulse.current_a:g} A x {pulse.burning_time_us:.4g} µs "
+            f"= {energy_uj:.4g} µJ {problem}"
+        )
+        hint = "lower the current, or the duty, or raise the frequency"
+        if energy_uj < ENERGY_MIN_UJ:
+            hint = "raise the current or the duty"
+        yield Finding(Code.PULSE_ENERGY, "pulse.current_a", message, hint)
 
 
-def does_nothing(job: Job) -> Iterator[Finding]:
-    """Rules 1 and 38, without which nothing can be expected of the pulses."""
+def does_nothing(job: Job) -> Findings:
+    """Rules 1 and 38: every pulse can ignite and has the energy that it takes to remove anything."""
     yield from ROOM_FOR_REFERENCE(job)
-    yield from removes_nothing(job.profile)
-
-
-def removes_nothing(profile: Profile) -> Iterator[Finding]:
-    """Rule 38: a pulse has the energy that it takes to remove anything."""
-    for number, regime in enumerate((None, *profile.regimes), start=-1):
-        pulse, of = profile.pulse, ""
-        path: tuple[str | int, ...] = ("pulse", "current_a")
-        if regime is not None:
-            pulse, path, of = in_pulses(profile, regime).pulse, ("regimes", number), f"regime {regime.name}: "
-        energy_uj = pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.burning_time_us)
-        if energy_uj < LEAST_ENERGY_UJ:
-            by_law = f"by the laws of the process it takes {LEAST_ENERGY_UJ:g} µJ"
-            message = f"{of}a pulse of {energy_uj:.3g} µJ removes nothing: {by_law}"
+    regimes = {f"regime {one.name}: ": in_pulses(job.profile, one).pulse for one in job.profile.regimes}
+    for number, (of, pulse) in enumerate({"": job.profile.pulse, **regimes}.items(), start=-1):
+        if (energy_uj := _energy_uj(pulse)) < LEAST_ENERGY_UJ:
+            message = (
+                f"{of}a pulse of {energy_uj:.3g} µJ removes nothing: by the laws of the process it takes "
+                f"{LEAST_ENERGY_UJ:g} µJ"
+            )
             hint = "raise the current or the time that a discharge burns"
-            yield Finding(Code.NO_REMOVAL, path, message, hint)
+            yield Finding(Code.NO_REMOVAL, ("regimes", number) if of else "pulse.current_a", message, hint)
 
 
 CURRENTS_A, ON_TIMES_US, VOLTAGES_V = (0.03, 1.0), (5.0, 300.0), (40.0, 100.0)
 """Where the laws of the process were compared with what is known (docs/virtual-machine.md)."""
 LAW_ROUNDING = 1e-6
-DOUBTFUL = 2.0
-"""What is stated and is so many times what is expected, or as much less, may be that of other materials."""
-CONTRADICTS = 1.5
-"""A factor of `[sim]` that is so many times that of the material, or as much less, is another material's."""
+DOUBTFUL, CONTRADICTS = 2.0, 1.5
+"""A value, or a factor of `[sim]`, that differs so much from that of the material may be another material's."""
 
 
-def known_materials(job: Job) -> Iterator[Finding]:
+def known_materials(job: Job) -> Findings:
     """Rule 34: something is known of how the materials erode."""
     for table, name, figure, key in (
         ("tool", job.profile.tool.material, "wear", "wear.expected_ratio"),
         ("work", job.profile.work.material, "removal", "work.removal_um3_per_uj"),
     ):
-        known = [found for found in materials().values() if getattr(found, figure) is not None]
-        if material(name) in known:
-            continue
-        message = (
-            f"nothing is known of how {name} erodes as {table}: what is not stated is taken from copper, and the "
-            "virtual machine erodes it like copper"
-        )
-        hint = f"state {key}; known are {', '.join(found.symbol for found in known)}"
-        yield Finding(Code.UNKNOWN_MATERIAL, (table, "material"), message, hint)
+        known = [one for one in materials().values() if getattr(one, figure) is not None]
+        if material(name) not in known:
+            message = (
+                f"nothing is known of how {name} erodes as {table}: what is not stated is taken from copper, and "
+                "the virtual machine erodes it like copper"
+            )
+            hint = f"state {key}; known are {', '.join(one.symbol for one in known)}"
+            yield Finding(Code.UNKNOWN_MATERIAL, f"{table}.material", message, hint)
 
 
-def within_the_laws(job: Job) -> Iterator[Finding]:
+def within_the_laws(job: Job) -> Findings:
     """Rule 36: forecasts and the virtual machine were made for such pulses."""
     pulse = job.profile.pulse
     for key, value, unit, (low, high) in (
@@ -204,50 +196,49 @@ def within_the_laws(job: Job) -> Iterator[Finding]:
     ):
         if not low * (1.0 - LAW_ROUNDING) <= value <= high * (1.0 + LAW_ROUNDING):
             message = (
-                f"{value:.4g} {unit} lies outside {low:g} to {high:g}, where the laws of the process were looked "
-                "at; forecasts and the virtual machine go on by the same formulas, and nobody knows how far"
+                f"{value:.4g} {unit} lies outside {low:g} to {high:g}, where the laws of the process were checked; "
+                "forecasts and the virtual machine extrapolate"
             )
             hint = "rely on touches, not on forecasts or virtual runs"
-            yield Finding(Code.BEYOND_LAWS, ("pulse", key), message, hint)
+            yield Finding(Code.BEYOND_LAWS, f"pulse.{key}", message, hint)
 
 
-def stated_agrees(profile: Profile) -> Iterator[Finding]:
+def stated_agrees(job: Job) -> Findings:
     """Rule 39: removal and wear that are stated are those of the materials and pulses that are named."""
-    depth_um = usual_depth_um(profile)
-    gap = expected_gap(profile, depth_um)
-    of = (
-        f"{profile.tool.material} on {profile.work.material}, {profile.pulse.polarity}, with "
-        f"{profile.pulse.current_a:g} A for {profile.pulse.on_time_us:.3g} µs"
-    )
-    stated = {}
-    if "expected_ratio" in profile.wear.model_fields_set:
-        ratio = expected_wear_ratio(profile, depth_um, expected_side_gap_um(profile))
-        stated["wear", "expected_ratio"] = profile.wear.expected_ratio, ratio
-    if "removal_um3_per_uj" in profile.work.model_fields_set:
-        stated["work", "removal_um3_per_uj"] = profile.work.removal_um3_per_uj, gap.removal_um3_per_uj
-    for path, (given, expected) in stated.items():
-        if not expected / DOUBTFUL <= given <= expected * DOUBTFUL:
-            message = f"{'.'.join(path)} = {given:.3g} is stated, but {of} let expect {expected:.3g}"
+    profile, depth_um = job.profile, usual_depth_um(job.profile)
+    wear_ratio = expected_wear_ratio(profile, depth_um, expected_side_gap_um(profile))
+    removal = expected_gap(profile, depth_um).removal_um3_per_uj
+    for table, key, expected in (
+        ("wear", "expected_ratio", wear_ratio),
+        ("work", "removal_um3_per_uj", removal),
+    ):
+        given = getattr(getattr(profile, table), key)
+        is_stated = key in getattr(profile, table).model_fields_set
+        if is_stated and not expected / DOUBTFUL <= given <= expected * DOUBTFUL:
+            message = (
+                f"{table}.{key} is set to {given:.3g}; {expected:.3g} is expected for {profile.tool.material} on "
+                f"{profile.work.material}, {profile.pulse.polarity}, with {profile.pulse.current_a:g} A for "
+                f"{profile.pulse.on_time_us:.3g} µs"
+            )
             hint = "leave it out, or keep it where it was measured with these"
-            yield Finding(Code.STATED_CONTRADICTS, path, message, hint)
+            yield Finding(Code.STATED_CONTRADICTS, f"{table}.{key}", message, hint)
 
 
-def sim_agrees(profile: Profile, sim: SimSettings) -> Iterator[Finding]:
+def sim_agrees(profile: Profile, sim: SimSettings) -> Findings:
     """Rule 35: the virtual machine has the materials of the profile."""
-    pairs = (
-        ("work_removal", sim.work_removal, of_work(profile).factor, profile.work.material),
-        ("tool_wear", sim.tool_wear, of_tool(profile).factor, profile.tool.material),
-    )
     discharge_v = profile.pulse.discharge_voltage_v
     if abs(discharge_v - sim.discharge_v) > LAW_ROUNDING:
-        stated = f"at sim.discharge_v = {sim.discharge_v:g} V on the virtual machine"
-        message = f"discharges burn at {discharge_v:g} V by the profile, {stated}"
+        message = (
+            f"discharges burn at {discharge_v:g} V by the profile, at sim.discharge_v = {sim.discharge_v:g} V on "
+            "the virtual machine"
+        )
         hint = "set sim.discharge_v too, or leave it out"
-        yield Finding(Code.SIM_CONTRADICTS, ("pulse", "discharge_voltage_v"), message, hint)
-    for key, given, expected, name in pairs:
-        if given is None or expected / CONTRADICTS <= given <= expected * CONTRADICTS:
-            continue
-        other = "the virtual machine has another material than forecasts and the host go by"
-        message = f"sim.{key} = {given:g} is not that of {name}, {expected:g}: {other}"
-        hint = "leave it out, or name the material that it is"
-        yield Finding(Code.SIM_CONTRADICTS, ("sim", key), message, hint)
+        yield Finding(Code.SIM_CONTRADICTS, "pulse.discharge_voltage_v", message, hint)
+    for key, given, expected, name in (
+        ("work_removal", sim.work_removal, of_work(profile).factor, profile.work.material),
+        ("tool_wear", sim.tool_wear, of_tool(profile).factor, profile.tool.material),
+    ):
+        if given is not None and not expected / CONTRADICTS <= given <= expected * CONTRADICTS:
+            message = f"sim.{key} = {given:g} is not that of {name}, {expected:g}, which forecasts assume"
+            hint = "leave it out, or name the material that it is"
+            yield Finding(Code.SIM_CONTRADICTS, f"sim.{key}", message, hint)

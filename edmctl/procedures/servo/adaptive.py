@@ -14,8 +14,8 @@ import math
 from collections import deque
 
 from edmctl.dataclasses import dataclass
+from edmctl.planning.erosion import REFERENCE_MARGIN
 from edmctl.procedures.run import Args
-from edmctl.profile.findings import REFERENCE_MARGIN
 from edmctl.profile.model import Profile
 from edmctl.record.rows import RunEvent
 

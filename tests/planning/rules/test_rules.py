@@ -68,9 +68,9 @@ PULSE_TIMES | pulse.duty=0.06 | pulse.frequency_hz=12000 servo.reference=0.8 | p
     4.96 µs; 5 µs
 PULSE_TIMES | pulse.duty=0.50 | pulse.frequency_hz=25000 | pulse.frequency_hz=25100 | 19.9 µs; 20 µs
 THROUGH_STROKE | target={kind="through"} work.kind=through | work.thickness_um=112 |
-    work.thickness_um=113 | offset 50; reserve 15; 113 x 1.389; 135; 357 µm; 356 µm
+    work.thickness_um=113 | 113 µm; 135 for; offset 50; reserve 15; 357 µm; 356 µm
 THROUGH_STROKE | target={kind="through",completion_um=20} work.kind=through | work.thickness_um=195 |
-    work.thickness_um=196 | + 20 for the worn tip; 357 µm
+    work.thickness_um=196 | 20 for the worn tip; 357 µm
 TARGET_KIND | target={kind="through"} work.thickness_um=50 | work.kind=through |  | 50 µm; "blind" | target.kind
 NOT_THROUGH | work.kind=through | target={kind="through"} work.thickness_um=50 |
     target.kind=depth work.thickness_um=100 | a depth of 180 µm; 100 µm | target.kind
