@@ -23,102 +23,97 @@ from edmctl.profile.folders import SETUP_VARIABLE
 if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
 
+
+def option(usage: str, help: str, **more: Any) -> Any:
+    """Return an option as help shows it: `--out -o FILE` has two names and takes a value."""
+    words = usage.split(" ")
+    names = [word for word in words if word.startswith("-")]
+    return typer.Option(*names, metavar=" ".join(words[len(names) :]) or None, help=help, **more)
+
+
+def argument(metavar: str, help: str, **more: Any) -> Any:
+    """Return an argument as help shows it."""
+    return typer.Argument(metavar=metavar, help=help, show_default=False, **more)
+
+
 ProfileOption: TypeAlias = Annotated[
     str | None,
-    typer.Option(
-        "--profile",
-        "-p",
-        metavar="NAME|FILE",
+    option(
+        "--profile -p NAME|FILE",
+        "The job: a TOML file, or the name of a shipped profile.",
         envvar="EDMCTL_PROFILE",
-        help="The job: a TOML file, or the name of a shipped profile.",
         autocompletion=completion.profiles,
     ),
 ]
 SetOption: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Override one profile value, e.g. servo.reference=0.82. Repeatable.",
+    option(
+        "--set KEY=VALUE",
+        "Override one profile value, e.g. servo.reference=0.82. Repeatable.",
         autocompletion=completion.keys,
     ),
 ]
 SetupOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option(
-        "--setup",
-        metavar="FILE",
+    option(
+        "--setup FILE",
+        "Settings of the machine itself (TOML). Default: setup-SERIAL.toml in the configuration folder.",
         envvar=SETUP_VARIABLE,
-        help="Settings of the machine itself (TOML). Default: setup-SERIAL.toml in the configuration folder.",
     ),
 ]
 PortOption: TypeAlias = Annotated[
     str | None,
-    typer.Option(
-        "--port",
-        metavar="SELECTOR",
-        envvar="EDMCTL_PORT",
-        help="Which machine: sim: (default), sim:FILE (a virtual one that is kept there), a serial port, "
+    option(
+        "--port SELECTOR",
+        "Which machine: sim: (default), sim:FILE (a virtual one that is kept there), a serial port, "
         "socket://HOST:PORT, serial:ID, auto.",
+        envvar="EDMCTL_PORT",
         autocompletion=completion.ports,
     ),
 ]
 WaitOption: TypeAlias = Annotated[
-    float,
-    typer.Option(
-        "--wait", metavar="SECONDS", min=0.0, help="Longest wait for a port that is held or absent."
-    ),
+    float, option("--wait SECONDS", "Longest wait for a port that is held or absent.", min=0.0)
 ]
-SeedOption: TypeAlias = Annotated[
-    int | None, typer.Option("--seed", metavar="N", help="Seed of the simulator. Default: random.")
-]
+SeedOption: TypeAlias = Annotated[int | None, option("--seed N", "Seed of the simulator. Default: random.")]
 ControllerOption: TypeAlias = Annotated[
     str | None,
-    typer.Option(
-        "--controller",
-        metavar="firmware|firmware-float|stm32",
-        help="What drives a new virtual machine, as sim.controller says. Default: firmware.",
+    option(
+        "--controller firmware|firmware-float|stm32",
+        "What drives a new virtual machine, as sim.controller says. Default: firmware.",
     ),
 ]
 CalibrationOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option(
-        "--calibration",
-        metavar="FILE",
-        help="Calibration of the actuator. Default: EDMCTL_CALIBRATION, the setup's, or the machine's own.",
+    option(
+        "--calibration FILE",
+        "Calibration of the actuator. Default: EDMCTL_CALIBRATION, the setup's, or the machine's own.",
     ),
 ]
 AllowModelOption: TypeAlias = Annotated[
-    bool,
-    typer.Option("--allow-model", help="Without a displacement sensor, go by the calibrated actuator alone."),
+    bool, option("--allow-model", "Without a displacement sensor, go by the calibrated actuator alone.")
 ]
 NewToolOption: TypeAlias = Annotated[
-    bool, typer.Option("--new-tool", help="The electrode was changed: begin its length and wear anew.")
+    bool, option("--new-tool", "The electrode was changed: begin its length and wear anew.")
 ]
-OutOption: TypeAlias = Annotated[
-    Path, typer.Option("--out", metavar="DIR", help="Folder of run files and job ledger.")
-]
+OutOption: TypeAlias = Annotated[Path, option("--out DIR", "Folder of run files and job ledger.")]
 RunIdOption: TypeAlias = Annotated[
-    str | None,
-    typer.Option("--run-id", metavar="ID", help="Name of the run file. Default: profile and time."),
+    str | None, option("--run-id ID", "Name of the run file. Default: profile and time.")
 ]
-DryRunOption: TypeAlias = Annotated[
-    bool, typer.Option("--dry-run", help="Check and forecast the job; touch nothing.")
-]
+DryRunOption: TypeAlias = Annotated[bool, option("--dry-run", "Check and forecast the job; touch nothing.")]
 RunArgument: TypeAlias = Annotated[
     Path,
-    typer.Argument(
-        metavar="RUN",
-        help="A run file, also an unfinished one (.h5.partial), or the id of a run in runs/.",
+    argument(
+        "RUN",
+        "A run file, also an unfinished one (.h5.partial), or the id of a run in runs/.",
         autocompletion=completion.runs,
     ),
 ]
 _JSON = "Write one JSON object to stdout, also on failure; a single line in files and pipes."
 _OUTPUT = {
-    "json": Annotated[bool, typer.Option("--json", help=_JSON)],
-    "events": Annotated[bool, typer.Option("--events", help="Progress as JSON lines on stderr.")],
-    "quiet": Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")],
-    "debug": Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")],
+    "json": Annotated[bool, option("--json", _JSON)],
+    "events": Annotated[bool, option("--events", "Progress as JSON lines on stderr.")],
+    "quiet": Annotated[bool, option("--quiet -q", "No progress.")],
+    "debug": Annotated[bool, option("--debug", "Show the traceback of an error.")],
 }
 RESULT, NOTES, PROGRESS = ("json", "debug"), ("json", "quiet", "debug"), tuple(_OUTPUT)
 """What a command leaves: a result alone, words on the way as well, or all of its progress."""

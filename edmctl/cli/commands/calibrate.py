@@ -5,8 +5,6 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
 from edmctl import failures
 from edmctl.cli.options import (
     NOTES,
@@ -17,7 +15,9 @@ from edmctl.cli.options import (
     SeedOption,
     SetupOption,
     WaitOption,
+    argument,
     command,
+    option,
 )
 from edmctl.cli.outcome import Outcome, watching
 from edmctl.cli.signals import ignore_signals, shell
@@ -32,51 +32,40 @@ if TYPE_CHECKING:
 
 FromOption = Annotated[
     list[Path] | None,
-    typer.Option(
-        "--from",
-        metavar="FILE",
-        help="Fit measured data instead of driving a machine: CSV or HDF5 with t_s, u_V, y_um, or a run file. "
+    option(
+        "--from FILE",
+        "Fit measured data instead of driving a machine: CSV or HDF5 with t_s, u_V, y_um, or a run file. "
         "Repeatable.",
     ),
 ]
 ValidateOption = Annotated[
-    list[Path] | None,
-    typer.Option("--validate", metavar="FILE", help="Evaluate the model on this file too. Repeatable."),
+    list[Path] | None, option("--validate FILE", "Evaluate the model on this file too. Repeatable.")
 ]
 RefitOption = Annotated[
     str,
-    typer.Option(
-        "--refit",
-        metavar="zero|gain,zero",
-        help="What is fitted to each --validate file before it is evaluated; gain for a record of another day.",
+    option(
+        "--refit zero|gain,zero",
+        ("What is fitted to each --validate file before it is evaluated; gain for a record of another day."),
     ),
 ]
 PreviousOption = Annotated[
     list[float] | None,
-    typer.Option(
-        "--previous-voltage",
-        metavar="V",
-        help="Voltage before the first sample: once for all files, or once for each, --from before --validate. "
-        "Default: the actuator was cycled over the record's range before.",
+    option(
+        "--previous-voltage V",
+        "Voltage before the first sample: once for all files, or once for each, --from before --validate."
+        " Default: the actuator was cycled over the record's range before.",
     ),
 ]
-DelayOption = Annotated[
-    float | None, typer.Option("--delay", metavar="S", help="Delay of the displacement. Default: found.")
-]
+DelayOption = Annotated[float | None, option("--delay S", "Delay of the displacement. Default: found.")]
 OutputOption = Annotated[
     Path | None,
-    typer.Option(
-        "--output",
-        metavar="FILE",
-        help="Calibration file to write. Default: the machine's own; none with --from.",
-    ),
+    option("--output FILE", "Calibration file to write. Default: the machine's own; none with --from."),
 ]
 LeverOption = Annotated[
     Path | None,
-    typer.Option(
-        "--lever",
-        metavar="FILE",
-        help="Fit the lever factor to stack and tool displacement (CSV with x_um, z_um); alone, only this is "
+    option(
+        "--lever FILE",
+        "Fit the lever factor to stack and tool displacement (CSV with x_um, z_um); alone, only this is "
         "fitted.",
     ),
 ]
@@ -220,56 +209,41 @@ Shape = StrEnum("Shape", "SINE SQUARE TRIANGLE STEP JUMPS SERVO CSV ALL FIG3A FI
 
 ShapeArgument = Annotated[
     Shape | None,
-    typer.Argument(
-        metavar="WAVEFORM",
-        help="sine, square, triangle, step (and 60 s of creep), jumps (of the electrode, while feeding), servo "
-        "(200 s of feed with dither), csv (of --from), or all: slow sine, sine, step, jumps and servo. Those of "
-        "the paper: fig3a, fig3b, fig4, fig5, loop, or figures: all of them, the default of --model paper.",
-        show_default=False,
+    argument(
+        "WAVEFORM",
+        "sine, square, triangle, step (and 60 s of creep), jumps (of the electrode, while feeding), servo"
+        " (200 s of feed with dither), csv (of --from), or all: slow sine, sine, step, jumps and servo. "
+        "Those of the paper: fig3a, fig3b, fig4, fig5, loop, or figures: all of them, the default of "
+        "--model paper.",
     ),
 ]
 ModelOption = Annotated[
     Literal["compared", "paper"],
-    typer.Option(
-        "--model",
-        metavar="compared|paper",
-        help="compared: straight line, Maxwell and edmctl against the truth. paper: the electromechanical model of "
-        "Muralidhara et al. 2009 against the sensor, beside the paper's own figures.",
+    option(
+        "--model compared|paper",
+        "compared: straight line, Maxwell and edmctl against the truth. paper: the electromechanical "
+        "model of Muralidhara et al. 2009 against the sensor, beside the paper's own figures.",
     ),
 ]
 StartOption = Annotated[
     Literal["virgin", "conditioned"] | None,
-    typer.Option(
-        "--start",
-        metavar="virgin|conditioned",
-        help="What --model paper remembers as it begins. Default: virgin, nothing, as the paper's simulation did.",
+    option(
+        "--start virgin|conditioned",
+        "What --model paper remembers as it begins. Default: virgin, nothing, as the paper's simulation did.",
     ),
 ]
 FrequencyOption = Annotated[
-    float | None, typer.Option("--frequency", metavar="HZ", help="Of sine, square and triangle. Default: 1.")
+    float | None, option("--frequency HZ", "Of sine, square and triangle. Default: 1.")
 ]
-CyclesOption = Annotated[
-    int | None, typer.Option("--cycles", metavar="N", min=1, help="Of sine, square and triangle. Default: 5.")
-]
-LowOption = Annotated[float | None, typer.Option("--low", metavar="V", help="Lowest voltage. Default: 0.")]
-HighOption = Annotated[
-    float | None, typer.Option("--high", metavar="V", help="Highest voltage. Default: 120.")
-]
-VoltageOption = Annotated[
-    Path | None, typer.Option("--from", metavar="FILE.csv", help="Voltage to apply: columns t_s and u_V.")
-]
+CyclesOption = Annotated[int | None, option("--cycles N", "Of sine, square and triangle. Default: 5.", min=1)]
+LowOption = Annotated[float | None, option("--low V", "Lowest voltage. Default: 0.")]
+HighOption = Annotated[float | None, option("--high V", "Highest voltage. Default: 120.")]
+VoltageOption = Annotated[Path | None, option("--from FILE.csv", "Voltage to apply: columns t_s and u_V.")]
 KnownOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--calibration", metavar="FILE", help="Calibration to judge. Default: one made on the same actuator."
-    ),
+    Path | None, option("--calibration FILE", "Calibration to judge. Default: one made on the same actuator.")
 ]
-PlotOption = Annotated[
-    Path | None, typer.Option("--plot", metavar="FILE", help="Draw a figure: .png, .svg or .pdf.")
-]
-DataOption = Annotated[
-    Path | None, typer.Option("--data", metavar="FILE", help="Write every sample: .csv or .h5.")
-]
+PlotOption = Annotated[Path | None, option("--plot FILE", "Draw a figure: .png, .svg or .pdf.")]
+DataOption = Annotated[Path | None, option("--data FILE", "Write every sample: .csv or .h5.")]
 
 
 @command("simulate actuator", NOTES)

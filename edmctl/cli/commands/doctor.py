@@ -6,10 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from edmctl import failures
-from edmctl.cli.options import NOTES, PortOption, SetupOption, WaitOption, command
+from edmctl.cli.options import NOTES, PortOption, SetupOption, WaitOption, command, option
 from edmctl.cli.outcome import Outcome, tell
 from edmctl.cli.render.procedure_tables import render_checks, render_ports
 from edmctl.cli.signals import shell
@@ -24,18 +22,14 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
     from edmctl.results.equipment import Controller, PortRow
 
-OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the run files.")]
+OutOption = Annotated[Path, option("--out DIR", "Folder of the run files.")]
 SensorsOption = Annotated[
     bool,
-    typer.Option(
-        "--sensors", help="Also arm, make pulses with the tool retracted to test the gap sensor, and disarm."
-    ),
+    option("--sensors", "Also arm, make pulses with the tool retracted to test the gap sensor, and disarm."),
 ]
-AckOption = Annotated[
-    int | None, typer.Option("--ack", metavar="CODE", help="The fault to clear. Default: show it only.")
-]
+AckOption = Annotated[int | None, option("--ack CODE", "The fault to clear. Default: show it only.")]
 ProbeOption = Annotated[
-    bool, typer.Option("--probe", help="Identify the controllers at the ports that `auto` would try.")
+    bool, option("--probe", "Identify the controllers at the ports that `auto` would try.")
 ]
 
 

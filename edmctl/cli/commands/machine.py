@@ -9,7 +9,7 @@ import typer
 
 from edmctl import failures
 from edmctl.cli import completion
-from edmctl.cli.options import PROGRESS, JobOptions, NewToolOption, RunOptions, command, options_given
+from edmctl.cli.options import PROGRESS, JobOptions, NewToolOption, RunOptions, command, option, options_given
 from edmctl.cli.outcome import Outcome, note, watching
 from edmctl.cli.render.procedure_tables import (
     render_drift,
@@ -39,69 +39,48 @@ _P = TypeVar("_P", bound="Procedure")
 
 ResumeOption = Annotated[
     str | None,
-    typer.Option(
-        "--resume",
-        metavar="RUN",
-        help="Continue an interrupted run: its file, or its id in --out.",
+    option(
+        "--resume RUN",
+        "Continue an interrupted run: its file, or its id in --out.",
         autocompletion=completion.unfinished,
     ),
 ]
 HomedOption = Annotated[
     bool,
-    typer.Option(
-        "--homed",
-        help="With --resume: confirm that the stages are where the restarted controller counts them.",
+    option(
+        "--homed", "With --resume: confirm that the stages are where the restarted controller counts them."
     ),
 ]
 RestartHoleOption = Annotated[
     bool,
-    typer.Option(
+    option(
         "--restart-hole",
-        help="With --resume: make the hole that was left from the start, where its face is untouched.",
+        "With --resume: make the hole that was left from the start, where its face is untouched.",
     ),
 ]
 ContactOption = Annotated[
-    bool, typer.Option("--contact", help="Touch the surface, without sparks, instead of finding the gap.")
+    bool, option("--contact", "Touch the surface, without sparks, instead of finding the gap.")
 ]
 PlaceOption = Annotated[
     str | None,
-    typer.Option(
-        "--site",
-        metavar="X,Y",
-        help="Stage coordinates in µm. Default: where `machine` would put its first hole.",
-    ),
+    option("--site X,Y", "Stage coordinates in µm. Default: where `machine` would put its first hole."),
 ]
 MOST_JUMPS = 1000
-CountOption = Annotated[
-    int, typer.Option("--count", "-n", metavar="N", min=1, max=MOST_JUMPS, help="Jumps to make.")
-]
-HeightOption = Annotated[
-    float | None, typer.Option("--height-um", metavar="UM", help="Overrides jump.height_um of the profile.")
-]
-SpeedOption = Annotated[
-    float | None, typer.Option("--speed", metavar="UM_S", help="Overrides jump.speed_um_s of the profile.")
-]
-PeriodOption = Annotated[
-    float | None, typer.Option("--period-s", metavar="S", help="Overrides jump.period_s of the profile.")
-]
+CountOption = Annotated[int, option("--count -n N", "Jumps to make.", min=1, max=MOST_JUMPS)]
+HeightOption = Annotated[float | None, option("--height-um UM", "Overrides jump.height_um of the profile.")]
+SpeedOption = Annotated[float | None, option("--speed UM_S", "Overrides jump.speed_um_s of the profile.")]
+PeriodOption = Annotated[float | None, option("--period-s S", "Overrides jump.period_s of the profile.")]
 ReferenceOption = Annotated[
-    bool, typer.Option("--reference", help="Touch the pad and keep it as Z1: do this before a job.")
+    bool, option("--reference", "Touch the pad and keep it as Z1: do this before a job.")
 ]
 SiteOption = Annotated[
-    str | None,
-    typer.Option(
-        "--site", metavar="NAME|X,Y", help="The hole to touch. Default: the last one that the tool made."
-    ),
+    str | None, option("--site NAME|X,Y", "The hole to touch. Default: the last one that the tool made.")
 ]
 DurationOption = Annotated[
-    float | None,
-    typer.Option(
-        "--duration", metavar="S", min=0.0, help="Time of touches and hold. Default: drift.duration_s."
-    ),
+    float | None, option("--duration S", "Time of touches and hold. Default: drift.duration_s.", min=0.0)
 ]
 OutputOption = Annotated[
-    Path | None,
-    typer.Option("--output", metavar="FILE", help="Where to save it. Default: as the machine's own."),
+    Path | None, option("--output FILE", "Where to save it. Default: as the machine's own.")
 ]
 _IN_THE_JOURNAL = (
     "profile",

@@ -5,11 +5,9 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from edmctl import failures
 from edmctl.cli import completion
-from edmctl.cli.options import SetOption, SetupOption, command, command_group
+from edmctl.cli.options import SetOption, SetupOption, argument, command, command_group, option
 from edmctl.cli.outcome import Outcome, diagnostics_of
 from edmctl.cli.render.terminal import Style
 from edmctl.errors import Diagnostic, EdmError, ProfileError
@@ -24,26 +22,17 @@ if TYPE_CHECKING:
 app = command_group("List, check, show and copy profiles, and write their schema.")
 
 FilesArgument = Annotated[
-    list[str],
-    typer.Argument(
-        metavar="NAME|FILE...", help="Files, or shipped names.", autocompletion=completion.profiles
-    ),
+    list[str], argument("NAME|FILE...", "Files, or shipped names.", autocompletion=completion.profiles)
 ]
 FileArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="NAME|FILE", help="A file, or a shipped name.", autocompletion=completion.profiles
-    ),
+    str, argument("NAME|FILE", "A file, or a shipped name.", autocompletion=completion.profiles)
 ]
-NewFileArgument = Annotated[
-    Path, typer.Argument(metavar="FILE", help="File to write; it must not exist yet.")
-]
+NewFileArgument = Annotated[Path, argument("FILE", "File to write; it must not exist yet.")]
 FromOption = Annotated[
     str,
-    typer.Option(
-        "--from",
-        metavar="NAME",
-        help="Shipped profile to copy; `profile list` lists them.",
+    option(
+        "--from NAME",
+        "Shipped profile to copy; `profile list` lists them.",
         autocompletion=completion.profiles,
     ),
 ]

@@ -7,11 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from edmctl import failures
 from edmctl.cli import completion
-from edmctl.cli.options import PROGRESS, RunArgument, command, command_group
+from edmctl.cli.options import PROGRESS, RunArgument, argument, command, command_group, option
 from edmctl.cli.outcome import Outcome, mutter, stdout_sink, watching
 from edmctl.cli.render.result_table import render_run, render_sentences
 from edmctl.cli.render.runs_tables import letter, render_comparison, render_runs
@@ -39,87 +37,69 @@ if TYPE_CHECKING:
 app = command_group("Show, compare, export, draw and recover run files.")
 
 FollowOption = Annotated[
-    bool, typer.Option("--follow", "-f", help="Follow a run until it ends; Ctrl-C ends the following.")
+    bool, option("--follow -f", "Follow a run until it ends; Ctrl-C ends the following.")
 ]
-FolderArgument = Annotated[
-    Path,
-    typer.Argument(metavar="[FOLDER]", help=f"Folder of the run files. Default: {RUNS}.", show_default=False),
-]
+FolderArgument = Annotated[Path, argument("[FOLDER]", f"Folder of the run files. Default: {RUNS}.")]
 FilesArgument = Annotated[
     list[Path],
-    typer.Argument(
-        metavar="RUN RUN...",
-        help="Run files, or ids of runs in runs/. All are compared with the first.",
+    argument(
+        "RUN RUN...",
+        "Run files, or ids of runs in runs/. All are compared with the first.",
         autocompletion=completion.runs,
     ),
 ]
 ComparisonOutOption = Annotated[
-    Path | None,
-    typer.Option("--out", "-o", metavar="FIGURE", help="Draw them too, into a new file: .png, .svg or .pdf."),
+    Path | None, option("--out -o FIGURE", "Draw them too, into a new file: .png, .svg or .pdf.")
 ]
 DamagedArgument = Annotated[
     Path,
-    typer.Argument(
-        metavar="RUN",
-        help="A run file without an end (.h5.partial), or a damaged one; or the id of a run in runs/.",
+    argument(
+        "RUN",
+        "A run file without an end (.h5.partial), or a damaged one; or the id of a run in runs/.",
         autocompletion=completion.unfinished,
     ),
 ]
 NewFileOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--out", "-o", metavar="FILE", help="The new file. Default: RUN without .partial, beside it."
-    ),
+    Path | None, option("--out -o FILE", "The new file. Default: RUN without .partial, beside it.")
 ]
 TableOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--table",
-        "-t",
-        metavar="TABLE",
-        help="servo, slow, pulses, blocks, segments, events, touches, results, black-box, waveforms or link. "
+    option(
+        "--table -t TABLE",
+        "servo, slow, pulses, blocks, segments, events, touches, results, black-box, waveforms or link. "
         "Default: all that have rows. Repeatable.",
     ),
 ]
 TableFormatOption = Annotated[
-    str | None,
-    typer.Option(
-        "--format", metavar="FORMAT", help="csv, parquet, json or jsonl. Default: the ending of -o, else csv."
-    ),
+    str | None, option("--format FORMAT", "csv, parquet, json or jsonl. Default: the ending of -o, else csv.")
 ]
 TablesOutOption = Annotated[
     Path | None,
-    typer.Option(
-        "--out",
-        "-o",
-        metavar="FILE|FOLDER|-",
-        help="A file by its ending (one table), the folder, or - for stdout. Default: stdout for one table, "
+    option(
+        "--out -o FILE|FOLDER|-",
+        "A file by its ending (one table), the folder, or - for stdout. Default: stdout for one table, "
         "else files beside the run file.",
     ),
 ]
 KindOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--kind",
-        metavar="KIND",
-        help="One of those below. Default: all that the run has data for. Repeatable.",
+    option(
+        "--kind KIND",
+        "One of those below. Default: all that the run has data for. Repeatable.",
         autocompletion=completion.figures,
     ),
 ]
 FiguresOutOption = Annotated[
     Path | None,
-    typer.Option(
-        "--out",
-        "-o",
-        metavar="FILE|FOLDER",
-        help="A file by its ending (one figure), or the folder. Default: beside the run file.",
+    option(
+        "--out -o FILE|FOLDER",
+        "A file by its ending (one figure), or the folder. Default: beside the run file.",
     ),
 ]
 FigureFormatOption = Annotated[
-    str | None,
-    typer.Option("--format", metavar="FORMAT", help="Format of the figures: png (default), svg or pdf."),
+    str | None, option("--format FORMAT", "Format of the figures: png (default), svg or pdf.")
 ]
-OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files of the same name.")]
+OverwriteOption = Annotated[bool, option("--overwrite", "Replace files of the same name.")]
 OTHER_LOG = {"pulses": "blocks", "blocks": "pulses"}
 """A run logs single pulses, or sums over blocks of them."""
 
