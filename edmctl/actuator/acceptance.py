@@ -11,8 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.actuator.checks import noise_sd
-from edmctl.actuator.design import OWN_TAU_SHARE, Design
+from edmctl.actuator.fitting import OWN_TAU_SHARE, Design
 from edmctl.actuator.record import (
     Record,
     half_periods_s,
@@ -20,6 +19,7 @@ from edmctl.actuator.record import (
     known_from,
     length_s,
     longest_hold_s,
+    noise_sd,
 )
 from edmctl.actuator.validation import ErrorFigures, HeldOut
 from edmctl.array_types import Array, Flags
@@ -97,9 +97,9 @@ def cause_of(
         knocks = " and ".join(places)
         return f"the worst is at {knocks}: look for a knock or a jump there, cut it off or measure again"
     return (
-        "it is everywhere and follows the voltage. Look for a loose sensor, a wrong --previous-voltage, a load on "
-        "the tool or a voltage that is not the one applied; without any of these the actuator is of a kind that "
-        "this model does not hold"
+        "it is everywhere and follows the voltage. Look for a sensor that is loose or has moved, a wrong "
+        "--previous-voltage, a load on the tool, a voltage that is not the one applied, or an actuator that rings "
+        "after steps; without any of these the actuator is of a kind that this model does not hold"
     )
 
 

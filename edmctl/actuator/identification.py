@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.actuator.acceptance import DIFFERING, Left, Noise, notes_on, problems_of, restrictions_on
-from edmctl.actuator.design import (
+from edmctl.actuator.fitting import (
     BLOCKS,
     HINGES,
     PLAYS,
     Design,
     Reduction,
     choose_design,
+    fit,
     reduce_records,
 )
-from edmctl.actuator.fitting import fit
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.quick import refuse
 from edmctl.actuator.record import Record, half_periods_s, sample_s

@@ -13,8 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator, consecutive
-from edmctl.actuator.operators import call
+from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator, call, consecutive
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 

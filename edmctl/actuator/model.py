@@ -1,11 +1,32 @@
 """The actuator model: bent and rounded plays, creep behind some of them, lag and delay, what it remembers.
 
 y(t) = zero + Σ_i Σ_m S_im h_m(z_i) + Σ_k R_k p_k + Σ_gj C_gj L_gj, all at t − delay and of the voltage behind a
-first-order lag, with plays z_i, hinges h_m, rounded plays p_k and lags L_gj as in `operators`. All S, R and C are ≥
+first-order lag, with plays z_i, hinges h_m, rounded plays p_k and lags L_gj. All S, R and C are ≥
 0 and the first play (threshold 0) has a positive slope everywhere, so the displacement rises strictly with the
 voltage from any state, with a lag in steps of up to four times the lag: the model can be inverted exactly. With one
 hinge per play, no rounded one and no lag it is the Prandtl-Ishlinskii operator, and so the paper's Maxwell slip
-model (`maxwell`).
+model (`paper_model`).
+
+Play of threshold r (volts): z_k = max(u_k − r, min(u_k + r, z_{k−1})), Krasnosel'skii & Pokrovskii 1989. It
+needs no time: between turning points only the end matters. A play's output is bent by hinges, straight pieces
+between knots (Prandtl's form of a discrete Preisach operator). Creep is a bank of first-order lags behind some
+of the plays, L' = (z − L)/τ, exact for a play that moves in a straight line from sample to sample, so that a
+record may be sampled at any rate.
+
+A rounded play is C·u − s with a stop s that forgets with the way of the voltage (Bouc 1967, Wen 1976; Dahl's and
+Duhem's friction are of the kind). With σ = ±s over the limit of the direction that the voltage moves in and the way
+w over that limit,
+
+    dσ/dw = (1 − σ)(1 + c·σ) for σ ≥ 0, loading;  1 + ρ·((1 − c)|σ| + c·σ²) for σ < 0, unloading:
+
+c = 0 and 1 are the equation's powers 1 and 2, between lie those between, two limits make branches differ, and moves
+have a closed form. C is the steepest that s can rise, so that a rounded play never falls while the voltage rises.
+
+The amplifier's lag u_f' = (u − u_f)/τ comes before all of them, exact for a voltage that goes straight from sample
+to sample. u_f may turn between two samples, where it crosses u: a path has its turning points too.
+
+The library in C calculates them (firmware/operators). `Bank` and `Memory` are its records; the arrays whose
+addresses they contain are checked.
 
 Plays remember turning points and nothing else; a rounded one forgets with the way that the voltage goes, so that
 small swings let it slide. Actuators are of the one kind, of the other, or between; what a record asks for is
@@ -20,16 +41,16 @@ The model does not know temperature, load (0.2 N/µm at the tool), ageing, drive
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Sequence
-from ctypes import byref
+from ctypes import byref, c_double, c_int64, c_void_p
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from edmctl.actuator.operators import Bank, Memory, place_of
-from edmctl.array_types import Array
+from edmctl.array_types import Array, Integers
 from edmctl.core.library import library
 from edmctl.dataclasses import dataclass, field, replace
 
@@ -37,6 +58,102 @@ CREEP_FROM_S, CREEP_TO_S = 0.1, 10.0  # creep rates are customarily given betwee
 
 SLOW_CYCLE_S, CYCLE_SAMPLES = 100.0, 400
 CLOCK_ROUNDING_S = 1e-9
+
+
+States = tuple[Array, Array, Array]  # arrays of a state: plays (n,), stops (k,) and lags (g, j)
+_FLOAT = np.dtype(np.float64)
+_Bytes = ctypes.c_char * 0  # gives an address several times as fast as `ndarray.ctypes`
+
+
+class Bank(ctypes.Structure):
+    """Parameters, `struct bank`: n sharp plays of m pieces, k rounded ones, g of them with j lags each.
+
+    thresholds (n,), knots (n, m + 1), slopes (n, m), taus (j,), weights (g, j) : ndarray
+    rounded : ndarray, shape (k, 5): rising and falling limit, c, ρ, C
+    roundness : ndarray, shape (k,): weights of the rounded plays
+    creeping : ndarray of int, shape (g,): plays, from n on rounded ones
+
+    Raises ValueError when the arrays do not fit each other.
+    """
+
+    _fields_ = [
+        *((name, c_int64) for name in "nmkgj"),
+        *((name, c_void_p) for name in ("thresholds", "knots", "slopes", "rounded", "roundness")),
+        *((name, c_void_p) for name in ("creeping", "taus", "weights")),
+        ("lag_s", c_double),
+    ]
+
+    def __init__(
+        self,
+        thresholds: Array,
+        knots: Array,
+        slopes: Array,
+        rounded: Array,
+        roundness: Array,
+        creeping: Integers,
+        taus: Array,
+        weights: Array,
+        lag_s: float,
+    ) -> None:
+        (n, m), k, g, j = slopes.shape, len(roundness), len(creeping), len(taus)
+        shapes = (thresholds.shape, knots.shape, rounded.shape, weights.shape)
+        inside = bool(((creeping >= 0) & (creeping < n + k)).all())
+        if shapes != ((n,), (n, m + 1), (k, 5), (g, j)) or m < 1 or not inside:
+            raise ValueError("the arrays of a bank do not fit each other")
+        plays = [contiguous(one) for one in (thresholds, knots, slopes, rounded, roundness)]
+        creep = np.ascontiguousarray(creeping, dtype=np.int64), contiguous(taus), contiguous(weights)
+        self._arrays = (*plays, *creep)  # kept as long as their addresses
+        super().__init__(n, m, k, g, j, *(one.ctypes.data for one in self._arrays), lag_s)
+        self.shapes = ((n,), (k,), (g, j))
+        self.room: int = library().bank_room(byref(self))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Return how a copy is made: with arrays of its own."""
+        return Bank, (*self._arrays, self.lag_s)
+
+
+class Memory(ctypes.Structure):
+    """State of a bank, `struct memory`, over its arrays, which C changes; ValueError for those of another bank."""
+
+    t_s: float
+    u_v: float
+    lagged_v: float
+
+    _fields_ = [
+        *((name, c_void_p) for name in ("plays", "stops", "lags", "room")),
+        *((name, c_double) for name in ("t_s", "u_v", "lagged_v")),
+    ]
+
+    def __init__(self, bank: Bank, arrays: States, t_s: float, u_v: float, lagged_v: float) -> None:
+        plays, stops, lags = arrays
+        if (plays.shape, stops.shape, lags.shape) != bank.shapes:
+            shapes = tuple(one.shape for one in arrays)
+            raise ValueError(f"a state of shape {shapes} for a model of {bank.shapes}")
+        room = np.empty(bank.room)
+        self._arrays = plays, stops, lags, room  # kept as long as their addresses
+        super().__init__(*map(address_of, self._arrays), t_s, u_v, lagged_v)
+
+
+def call(function: str, *arguments: object) -> None:
+    """Call a function of the library with numbers, structures (by reference) and contiguous arrays (by address)."""
+    getattr(library(), function)(*(_passed(argument) for argument in arguments))
+
+
+def _passed(argument: object) -> object:
+    if isinstance(argument, ctypes.Structure):
+        return byref(argument)
+    return argument.ctypes.data if isinstance(argument, np.ndarray) else argument
+
+
+def contiguous(array: Array) -> Array:
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def address_of(array: Array) -> int:
+    """Return the address of an array that C writes. Raises ValueError unless it is contiguous, writable float64."""
+    if array.dtype != _FLOAT or not array.flags.carray:
+        raise ValueError("the arrays of a state are float64, row after row in memory, and writable")
+    return ctypes.addressof(_Bytes.from_buffer(array.data))
 
 
 def none_of(*shape: int) -> Array:
@@ -131,7 +248,7 @@ class ActuatorModel:
     def advance_checked(self, state: ActuatorState, times_s: Array, volts: Array) -> Array:
         """Do the same with what `consecutive` has returned."""
         memory, output = state.memory(self), np.empty(len(times_s))
-        places = times_s.ctypes.data, volts.ctypes.data, place_of(output)
+        places = times_s.ctypes.data, volts.ctypes.data, address_of(output)
         library().bank_advance(byref(self.bank), byref(memory), len(times_s), *places)
         state.move_to(memory)
         output += self.zero_um
@@ -147,7 +264,7 @@ class ActuatorModel:
 
     @cached_property
     def bank(self) -> Bank:
-        """Return the parameters as `operators` takes them."""
+        """Return the parameters as the library takes them."""
         return Bank(
             self.thresholds_v,
             self.knots_v,
@@ -162,7 +279,7 @@ class ActuatorModel:
 
     @cached_property
     def rounded(self) -> Array:
-        """Rounded plays as `operators` takes them, shape (k, 5)."""
+        """Rounded plays as the library takes them, shape (k, 5)."""
         return rounded_table(self.rounded_limits_v, self.rounded_sharpness, self.rounded_unloading)
 
     @cached_property
@@ -287,7 +404,7 @@ class ActuatorState:
         return cls._relaxed(model, (from_v, to_v))
 
     def memory(self, model: ActuatorModel) -> Memory:
-        """Return the state as `operators` takes it, over the same arrays.
+        """Return the state as the library takes it, over the same arrays.
 
         Raises ValueError for the state of another model.
         """
@@ -312,7 +429,7 @@ class ActuatorState:
         if len(stops_v):
             rounded, way_v = np.ascontiguousarray(model.rounded), np.array(turns, dtype=np.float64)
             library().turned_stops(
-                len(stops_v), rounded.ctypes.data, len(way_v), way_v.ctypes.data, place_of(stops_v)
+                len(stops_v), rounded.ctypes.data, len(way_v), way_v.ctypes.data, address_of(stops_v)
             )
         rest_v = turns[-1]
         standing_v = np.concatenate([plays_v, model.rounded[:, -1] * rest_v - stops_v])

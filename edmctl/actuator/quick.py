@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from edmctl.actuator.design import TAU_RATIO, Design, knots, reduce_records, thresholds
-from edmctl.actuator.fitting import fit
+from edmctl.actuator.fitting import TAU_RATIO, Design, fit, knots, reduce_records, thresholds
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record, check_numbers
 from edmctl.actuator.validation import ErrorFigures, figures

@@ -1,8 +1,8 @@
-"""Samples without weight, and records without suspected faults: outliers, ringing, wrong memory, shift, drift.
+"""Samples without weight, and records without suspected faults: outliers, wrong memory, drift.
 
 A ringing start and single samples that stand out are found in the residual of a first fit and get no weight; knocks
-and jumps of the sensor last longer and keep theirs. Plays and slow creep absorb part of a shift or drift, so a step
-or a polynomial of time is fitted together with the features that the model uses.
+and jumps of the sensor last longer and keep theirs. Plays and slow creep absorb part of a drift, so a polynomial of
+time is fitted together with the features that the model uses.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from edmctl.actuator.checks import noise_sd
-from edmctl.actuator.design import Design, features_of
+from edmctl.actuator.fitting import Design, features_of
 from edmctl.actuator.model import ActuatorModel
-from edmctl.actuator.record import Record, runs_of, settled_from
+from edmctl.actuator.record import Record, noise_sd, settled_from
 from edmctl.array_types import Array, Flags
 from edmctl.dataclasses import dataclass
 
@@ -145,8 +144,6 @@ def standing_out(record: Record, left_um: Array, run: int = 1) -> Flags:
 
 
 POLYNOMIAL = 2  # of time, which drift follows
-LEAST_SIDE_SHARE = 0.01  # of a record, on either side of a shift
-SHIFTING_SHARE = 0.001  # of a record, that a shift takes on either side
 LONGEST_RUN, LEAST_OUTLIERS = 3, 10
 """Samples that stand out together, and how many at least: fewer are knocks, to be told by their place."""
 ROUNDING = 1e-9
@@ -171,12 +168,7 @@ def suspects(
         _Fitted.of(design, weights, model, record, counts)
         for record, counts in zip(records, used, strict=True)
     ]
-    found = [
-        _without_ringing(fitted) or _without_outliers(fitted),
-        _with_another_memory(fitted),
-        _without_shift(fitted, model.delay_s),
-        _without_drift(fitted),
-    ]
+    found = [_without_outliers(fitted), _with_another_memory(fitted), _without_drift(fitted)]
     return [one for one in found if one is not None]
 
 
@@ -208,23 +200,6 @@ class _Fitted:
         y_um = np.interp(record.t_s[index] + model.delay_s, record.t_s, record.y_um)
         left_um = y_um - base @ (base.T @ y_um)
         return cls(record, counts, residual_um(model, record), index, base, left_um)
-
-    def shift(self) -> tuple[float, int, float]:
-        """Of the best step: squares that it explains, µm², the sample in `index` where it begins, its height, µm."""
-        count = len(self.index)
-        steps = np.arange(count, 0, -1.0)
-        after = np.cumsum(self.base[::-1], axis=0)[::-1]
-        own = steps - np.einsum("nc,nc->n", after, after)
-        along_um = np.cumsum(self.left_um[::-1])[::-1]
-        edge = max(1, round(LEAST_SIDE_SHARE * count))
-        seen = np.flatnonzero(own > ROUNDING * steps)
-        seen = seen[(seen >= edge) & (seen < count - edge)]
-        if not len(seen):
-            return 0.0, 0, 0.0
-        gains = along_um[seen] ** 2 / own[seen]
-        best = int(gains.argmax())
-        k = int(seen[best])
-        return float(gains[best]), k, float(along_um[k] / own[k])
 
 
 def _without_outliers(fitted: Sequence[_Fitted]) -> Without | None:
@@ -263,26 +238,6 @@ def _with_another_memory(fitted: Sequence[_Fitted]) -> Without | None:
     return Without(held, [one.counts for one in fitted], words)
 
 
-def _without_shift(fitted: Sequence[_Fitted], delay_s: float) -> Without:
-    """Remove the step that explains most, and exclude the samples around it."""
-    found = [one.shift() for one in fitted]
-    worst = int(np.argmax([gain for gain, _, _ in found]))
-    record, (_, k, height_um) = fitted[worst].record, found[worst]
-    reached = record.t_s[fitted[worst].index[k : k + 1]] + delay_s
-    begin = int(np.abs(record.t_s - reached).argmin()) if len(reached) else 0
-    reach = 1 + round(SHIFTING_SHARE * len(record.t_s))
-    y_um, counts = record.y_um.copy(), fitted[worst].counts.copy()
-    y_um[begin:] -= height_um
-    counts[max(0, begin - reach) : begin + reach] = False
-    words = (
-        f"the displacement shifts by {height_um:+.2g} µm or so at {record.t_s[begin]:.4g} s of {record.name} and "
-        "stays there: look for a sensor or a mount that moved, and give the parts as files of their own"
-    )
-    mended, counting = [one.record for one in fitted], [one.counts for one in fitted]
-    mended[worst], counting[worst] = record._replace(y_um=y_um), counts
-    return Without(mended, counting, words)
-
-
 def _without_drift(fitted: Sequence[_Fitted]) -> Without:
     """Remove the polynomials of time that explain most."""
     mended, drifts_um = [], []
@@ -301,72 +256,3 @@ def _without_drift(fitted: Sequence[_Fitted]) -> Without:
         "drifts. Let them warm up, and measure again"
     )
     return Without(mended, [one.counts for one in fitted], words)
-
-
-STEP_SHARE, STEP_SAMPLES = 0.05, 8
-"""A step moves the voltage by this share of its span within so many samples."""
-FEWEST_STEPS = 3
-WINDOW, SHORTEST_WINDOW = 128, 24  # samples after a step that are looked at, fewer where steps follow sooner
-LOWEST_CYCLES = 3  # a line has this many cycles in a window
-LINE_BINS = 2  # on either side of a line, that belong to it
-LINE_SHARE = 0.5  # of the squares after steps, that are in a line
-DECAY_FACTOR = 2.0  # the line's squares in a window are at least this many times those in the next one
-
-
-def _without_ringing(fitted: Sequence[_Fitted]) -> Without | None:
-    """Exclude the samples after steps; None if no resonance rings there."""
-    found, quiet = [], []
-    for one in fitted:
-        ends, length = _steps(one.record, one.counts)
-        found.append(_resonance(one.record, one.residual_um, ends, length))
-        quiet.append(one.counts.copy())
-        for end in ends:
-            quiet[-1][max(0, end - STEP_SAMPLES) : end + 2 * length] = False
-    amplitude_um, frequency_hz = max(found)
-    if not amplitude_um:
-        return None
-    words = (
-        f"the actuator rings at {frequency_hz:.3g} Hz after steps, by up to {amplitude_um:.3g} µm, "
-        "and the model has no resonance. Drive ramps that last several periods instead of steps, damp the mounting, "
-        "or filter the amplifier's input"
-    )
-    return Without([one.record for one in fitted], quiet, words)
-
-
-def _resonance(record: Record, left_um: Array, ends: list[int], length: int) -> tuple[float, float]:
-    """Return the largest amplitude and the frequency of a line that decays after steps; 0 if there is none."""
-    if len(ends) < FEWEST_STEPS:
-        return 0.0, 0.0
-    after = _spectrum([left_um[end : end + length] for end in ends])
-    later = _spectrum([left_um[end + length : end + 2 * length] for end in ends])
-    k = LOWEST_CYCLES + int(np.argmax(after[LOWEST_CYCLES:]))
-    line = slice(max(1, k - LINE_BINS), k + LINE_BINS + 1)
-    in_line = float(after[line].sum())
-    if in_line < LINE_SHARE * float(after.sum()) or in_line < DECAY_FACTOR * float(later[line].sum()):
-        return 0.0, 0.0
-    low, here, high = (float(after[n]) if n < len(after) else 0.0 for n in (k - 1, k, k + 1))
-    centre = k + (high - low) / (low + here + high)
-    amplitude_um = max(float(np.abs(left_um[end : end + length]).max()) for end in ends)
-    return amplitude_um, centre / (length * float(np.median(np.diff(record.t_s))))
-
-
-def _spectrum(windows_um: Sequence[Array]) -> Array:
-    values = np.array(windows_um)
-    along = np.linspace(-1.0, 1.0, values.shape[1])
-    values = values - values.mean(axis=1, keepdims=True)
-    values = values - np.outer(values @ along / (along @ along), along)
-    squares: Array = (np.abs(np.fft.rfft(values, axis=1)) ** 2).mean(axis=0)
-    return squares
-
-
-def _steps(record: Record, counts: Flags) -> tuple[list[int], int]:
-    """Return the ends of the steps, and half the shortest time to the next step in samples."""
-    least_v = STEP_SHARE * float(np.ptp(record.u_v))
-    moved_v = np.abs(np.diff(record.u_v))
-    begins, ends = runs_of(moved_v > least_v / STEP_SAMPLES).T
-    free = np.append(begins[1:], len(record.u_v)) - ends
-    kept = (ends - begins <= STEP_SAMPLES) & (free >= 2 * SHORTEST_WINDOW) & counts[ends]
-    kept &= np.abs(record.u_v[ends] - record.u_v[begins]) >= least_v
-    if not kept.any():
-        return [], 0
-    return ends[kept].tolist(), int(min(WINDOW, free[kept].min() // 2))

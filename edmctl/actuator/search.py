@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.actuator.design import Design, features_of, knots
-from edmctl.actuator.fitting import minimise
+from edmctl.actuator.fitting import Design, features_of, knots, minimise
 from edmctl.actuator.record import Record, sample_s
 from edmctl.array_types import Array, Flags
 

@@ -14,8 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from edmctl.actuator.design import Reduction, reduce_records
-from edmctl.actuator.fitting import Fit, fit
+from edmctl.actuator.fitting import Fit, Reduction, fit, reduce_records
 from edmctl.actuator.model import CREEP_FROM_S, CREEP_TO_S, ActuatorModel
 from edmctl.actuator.record import Record, check_numbers, half_periods_s, longest_hold_s, settled_from
 from edmctl.actuator.screening import looked_through

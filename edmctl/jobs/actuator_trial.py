@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from edmctl import failures
 from edmctl.actuator.identification import fit_line, fit_maxwell, identify
-from edmctl.actuator.maxwell import TABLE_1, ElectromechanicalModel, MaxwellModel, Transducer
 from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator
+from edmctl.actuator.paper_model import TABLE_1, ElectromechanicalModel, MaxwellModel, Transducer
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures, judge
 from edmctl.actuator.waveforms import Reading, calibration_waveform, readings, sine

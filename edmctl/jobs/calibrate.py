@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from edmctl import failures
-from edmctl.actuator.checks import check_record
 from edmctl.actuator.identification import LONGEST_FIXED_DELAY_S
-from edmctl.actuator.maxwell import lever_factor
+from edmctl.actuator.lever import lever_factor
 from edmctl.actuator.model import ActuatorModel
-from edmctl.actuator.record import Record
+from edmctl.actuator.record import Record, check_record
 from edmctl.actuator.validation import ErrorFigures, Refit
 from edmctl.array_types import Array
 from edmctl.dataclasses import asdict, dataclass, replace

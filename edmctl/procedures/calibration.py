@@ -11,8 +11,7 @@ import math
 from collections.abc import Sequence
 
 from edmctl import failures
-from edmctl.actuator.checks import check_record
-from edmctl.actuator.record import Record
+from edmctl.actuator.record import Record, check_record
 from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import stages_by_hand

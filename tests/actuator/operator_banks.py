@@ -5,10 +5,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from edmctl.actuator.design import Design, features_of
+from edmctl.actuator.fitting import Design, features_of
 from edmctl.actuator.inverse import Inverse
-from edmctl.actuator.maxwell import ElectromechanicalModel, MaxwellModel
 from edmctl.actuator.model import ActuatorState
+from edmctl.actuator.paper_model import ElectromechanicalModel, MaxwellModel
 from edmctl.actuator.record import Record
 from edmctl.array_types import Array
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from edmctl.actuator.fitting import nnls
 from edmctl.actuator.identification import fit_line, fit_maxwell
-from edmctl.actuator.maxwell import MaxwellModel
+from edmctl.actuator.paper_model import MaxwellModel
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import Waveform, sampled, sine, slow_legs, square
 from tests.actuator.models import THRESHOLDS_V, WEIGHTS_UM_PER_V, default_model, play

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from edmctl.actuator.checks import check_record
 from edmctl.actuator.identification import identify
-from edmctl.actuator.record import Record
+from edmctl.actuator.record import Record, check_record
 from edmctl.actuator.validation import validate
 from edmctl.errors import RecordError
 from edmctl.record.columns import read_record

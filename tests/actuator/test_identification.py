@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from edmctl.actuator import waveforms as waves
-from edmctl.actuator.design import choose_design
+from edmctl.actuator.fitting import choose_design
 from edmctl.actuator.identification import fit_maxwell, identify
 from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator
 from edmctl.actuator.quick import identify_quick

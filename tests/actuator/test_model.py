@@ -16,9 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edmctl.actuator.inverse import Inverse
-from edmctl.actuator.maxwell import ElectromechanicalModel, MaxwellModel, MaxwellState
-from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator, rounded_table
-from edmctl.actuator.operators import Bank, place_of
+from edmctl.actuator.model import ActuatorModel, ActuatorState, Bank, Estimator, address_of, rounded_table
+from edmctl.actuator.paper_model import ElectromechanicalModel, MaxwellModel, MaxwellState
 from edmctl.core.library import library
 from edmctl.procedures.servo.limits import stroke_left_um
 from tests.actuator.models import (
@@ -168,7 +167,7 @@ def test_creep_of_a_model_with_a_lag_is_that_behind_it() -> None:
 def stop(row: Array, move_v: float, stop_v: float) -> float:
     """Where the stop of a rounded play is after a monotone move."""
     stops_v, turns_v = np.array([stop_v]), np.array([0.0, move_v])
-    library().turned_stops(1, place_of(row), 2, place_of(turns_v), place_of(stops_v))
+    library().turned_stops(1, address_of(row), 2, address_of(turns_v), address_of(stops_v))
     return float(stops_v[0])
 
 

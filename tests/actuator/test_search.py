@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edmctl.actuator.design import choose_design
-from edmctl.actuator.fitting import _minimise, nnls
+from edmctl.actuator.fitting import _minimise, choose_design, nnls
 from edmctl.actuator.identification import identify
 from edmctl.actuator.model import ActuatorModel, ActuatorState
 from edmctl.actuator.record import Record

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.actuator.maxwell import TABLE_1
+from edmctl.actuator.paper_model import TABLE_1
 from edmctl.errors import PreconditionError
 from edmctl.jobs.actuator_trial import PaperTrial, displacement, fit_model, run_paper_trial, slow_cycle
 from edmctl.jobs.actuator_waveforms import Wanted, waveforms

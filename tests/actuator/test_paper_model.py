@@ -12,13 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from edmctl.actuator.maxwell import (
+from edmctl.actuator.lever import autocorrelation_time, lever_factor
+from edmctl.actuator.paper_model import (
     TABLE_1,
     ElectromechanicalModel,
     MaxwellModel,
     Transducer,
-    autocorrelation_time,
-    lever_factor,
 )
 from edmctl.actuator.waveforms import sine
 from edmctl.errors import RecordError

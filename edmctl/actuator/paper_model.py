@@ -1,4 +1,4 @@
-"""The Maxwell slip form of hysteresis, and its exact equivalence with the play form.
+"""The electromechanical model of Muralidhara et al. 2009, with its hysteresis as Maxwell slip elements.
 
 Maxwell slip gives the voltage for a displacement: u = k_0·Z + Σ k_i·stop_i(Z). Plays give the displacement for
 a voltage: Z = Σ w_i·play_i(u). Each is the other's exact inverse. With W_i = w_0 + … + w_i and thresholds r_i,
@@ -7,23 +7,40 @@ a voltage: Z = Σ w_i·play_i(u). Each is the other's exact inverse. With W_i = 
 
 the last being the initial loading curve at r_i. So the block H of Muralidhara et al. 2009, Fig. 2 can be
 identified as plays, a convex problem, and reported as the elements it is made of. It also follows what such a
-model cannot do: its loops are symmetric and the same everywhere in the range, and know no time.
+model cannot do: its loops are symmetric and the same everywhere in the range, and know no time. The operators are in
+C (firmware/operators).
 """
 
 from __future__ import annotations
 
 import cmath
+import ctypes
 from collections.abc import Sequence
+from ctypes import c_int64, c_void_p
 from typing import NamedTuple
 
 import numpy as np
 
-from edmctl import failures
-from edmctl.actuator.operators import Elements, call
+from edmctl.actuator.model import address_of, call, contiguous
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass, field
 
 UM_PER_M = 1e6
+
+
+class Elements(ctypes.Structure):
+    """Elasto-slip elements, `struct elements`: stiffness, limits and stretch, shape (n,); C changes the last.
+
+    Raises ValueError when they are not equally long.
+    """
+
+    _fields_ = [("n", c_int64), *((name, c_void_p) for name in ("stiffness", "limits", "stops"))]
+
+    def __init__(self, stiffness: Array, limits: Array, stops: Array) -> None:
+        if not stiffness.shape == limits.shape == stops.shape == (len(stops),):
+            raise ValueError(f"a state of shape {stops.shape} for {stiffness.size} elements")
+        self._arrays = (contiguous(stiffness), contiguous(limits), stops)  # kept as long as their addresses
+        super().__init__(len(stops), *(one.ctypes.data for one in self._arrays[:2]), address_of(stops))
 
 
 @dataclass(slots=True)
@@ -277,67 +294,3 @@ class ElectromechanicalModel:
         constant = held - free @ held
         ramp = held + rising - free @ rising
         return np.column_stack([free, constant - ramp, ramp])
-
-
-LEAST_SAMPLES = 10
-LEAST_FACTOR, LARGEST_FACTOR = 1.0, 200.0
-"""Flexures amplify, by up to a few tens; what lies outside is another unit or another column."""
-
-
-@dataclass(frozen=True, slots=True)
-class Lever:
-    """Tool displacement = factor · stack displacement + offset_um.
-
-    sd : standard uncertainty of the factor, with the residuals' autocorrelation taken into account.
-    """
-
-    factor: float
-    sd: float
-    offset_um: float
-
-
-def lever_factor(x_um: Array, z_um: Array) -> Lever:
-    """Fit the lever to displacements of stacks and tool at the same instants, shape (n,) each, in order of time.
-
-    Residuals of a slow measurement drift and curve together: n samples are worth n/τ, with τ their autocorrelation
-    time. Raises RecordError when the samples are too few, not finite, do not move, or cannot be those of a lever.
-    """
-    stack, tool = np.asarray(x_um, dtype=np.float64), np.asarray(z_um, dtype=np.float64)
-    _refuse(stack, tool)
-    centred = stack - stack.mean()
-    square = float(centred @ centred)
-    factor = float(centred @ tool) / square
-    _refuse_factor(factor)
-    offset_um = float(tool.mean() - factor * stack.mean())
-    residual = tool - factor * stack - offset_um
-    variance = float(residual @ residual) / (len(stack) - 2) / square
-    return Lever(factor, float(np.sqrt(variance * autocorrelation_time(residual))), offset_um)
-
-
-def autocorrelation_time(residual: Array) -> float:
-    """Samples that count as one: 1 + 2·Σ of the autocorrelation up to where it first falls to zero."""
-    spectrum = np.fft.rfft(residual, 2 * len(residual))
-    correlation = np.fft.irfft(spectrum.real**2 + spectrum.imag**2)[: len(residual)]
-    if correlation[0] <= 0.0:
-        return 1.0
-    ends = np.flatnonzero(correlation <= 0.0)
-    positive = correlation[1 : ends[0] if len(ends) else None]
-    return 1.0 + 2.0 * float(positive.sum() / correlation[0])
-
-
-def _refuse(stack: Array, tool: Array) -> None:
-    if stack.shape != tool.shape or stack.ndim != 1:
-        raise failures.lever_lengths_differ(stack_samples=stack.size, tool_samples=tool.size)
-    if len(stack) < LEAST_SAMPLES:
-        raise failures.lever_samples_too_few(stack_count=len(stack), least_samples=LEAST_SAMPLES)
-    if len(wrong := np.flatnonzero(~(np.isfinite(stack) & np.isfinite(tool)))):
-        raise failures.lever_sample_not_finite(wrong=wrong[0] + 1)
-    if not np.ptp(stack) > 0.0:
-        raise failures.lever_at_rest(stack=stack[0])
-
-
-def _refuse_factor(factor: float) -> None:
-    if factor < 0.0:
-        raise failures.lever_reversed(factor=factor)
-    if not LEAST_FACTOR < factor < LARGEST_FACTOR:
-        raise failures.lever_factor_impossible(factor=factor)
