@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
 from itertools import takewhile
 from pathlib import Path
 
@@ -44,8 +43,8 @@ _OTHER_FILES = {
 def find_columns(names: Sequence[str], wanted: Sequence[str]) -> dict[str, int]:
     """Return the index in `names` of each wanted column, also under its exported name; missing ones are left out."""
     plain = [_plain(name) for name in names]
-    known = {name: (EXPORTED.get(name, _plain(name)), _plain(name)) for name in wanted}
-    return {name: plain.index(one) for name, both in known.items() for one in both if one in plain}
+    aliases = {name: (_plain(name), EXPORTED.get(name)) for name in wanted}
+    return {name: plain.index(alias) for name in wanted for alias in aliases[name] if alias in plain}
 
 
 def read_table(path: Path, wanted: Sequence[str]) -> Table:
@@ -71,30 +70,17 @@ def text_of(content: bytes, name: str) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def _names(line: str, wanted: Sequence[str]) -> tuple[str | None, list[str], dict[str, int]]:
-    """Return the separator of a header, its names, and the wanted columns among them."""
-    line = line.strip(" ").lstrip("# ")
-    tried = [(one, names := cells_of(line, one), find_columns(names, wanted)) for one in SEPARATORS]
-    return max(tried, key=lambda one: len(one[2]))
-
-
 def _plain(name: str) -> str:
     return name.strip().strip("\"'").replace("µ", "u").replace("μ", "u").lower()
-
-
-def _is_blank(line: str) -> bool:
-    """Return whether a line is empty or a comment."""
-    return not line.strip() or line.lstrip().startswith("#")
-
-
-def _is_numeric(line: str) -> bool:
-    words = _words(line)
-    return len(words) > 1 and None not in map(number_of, words)
 
 
 def _words(line: str) -> list[str]:
     """Return what any separator separates before a comment."""
     return re.split(r"[\s;,]+", line.partition("#")[0].strip("\t ,;"))
+
+
+def _is_blank(line: str) -> bool:
+    return not line.strip() or line.lstrip().startswith("#")
 
 
 class Table:
@@ -107,35 +93,48 @@ class Table:
     """
 
     def __init__(self, text: str, name: str, wanted: Sequence[str]) -> None:
-        lines = text.split("\n")
-        self.name, self.lines = name, lines
+        self.name, self.lines = name, text.split("\n")
+        self.header = self._find_header(wanted)
+        self.separator, names, self.columns = self._split(self.header, wanted)
+        self.width, self.begin = len(names), self.header + 1
+        while self.begin < len(self.lines) and self._is_no_row(self.lines[self.begin]):
+            self.begin += 1
+        first_row = "".join(self.lines[self.begin : self.begin + 1]).partition("#")[0].strip()
+        if (self.separator or " ") not in first_row:
+            fitting = (one for one in SEPARATORS if len(cells_of(first_row, one)) == self.width)
+            self.separator = next(fitting, self.separator)
+        names = list(map(_plain, names))
+        for column in self.columns:
+            if names.count(_plain(column)) > 1:
+                hint = "Keep one, or give the other another name."
+                raise self._error(self.header + 1, f": two columns are called {column}", hint, "E3603")
+
+    def _find_header(self, wanted: Sequence[str]) -> int:
+        lines = self.lines
         filled = [k for k, line in enumerate(lines[:MOST_PREAMBLE]) if line.strip() and line[:4] != "sep="]
-        plain = [k for k in filled if not _is_blank(lines[k])]
+        data = [k for k in filled if not _is_blank(lines[k])]
         above = list(takewhile(lambda k: not _is_numeric(lines[k]), filled))
         problem = "" if above else "has no header: its first line holds numbers"
-        if not plain:
+        if not data:
             problem = "is empty or holds comments only"
         if (longest := max(map(len, lines))) > LONGEST_LINE:
             problem = f"has a line of {longest} characters"
         if problem:
-            raise failures.table_without_columns(name=name, problem=problem)
-        has_units = all(map(_UNIT.fullmatch, _words(lines[above[-1]])))
-        nearest = plain[0] if above == filled else above[-2:][0] if has_units else above[-1]
-        self.header = max((nearest, *above), key=lambda k: len(_names(lines[k], wanted)[2]))
-        self.separator, names, self.columns = _names(lines[self.header], wanted)
-        self.width, self.begin = len(names), self.header + 1
-        while self.begin < len(lines) and self._has_no_row(lines[self.begin]):
-            self.begin += 1
-        first = "".join(lines[self.begin : self.begin + 1]).partition("#")[0].strip()
-        if (self.separator or " ") not in first:
-            fitting = (one for one in SEPARATORS if len(cells_of(first, one)) == self.width)
-            self.separator = next(fitting, self.separator)
-        names = list(map(_plain, names))
-        if twice := next((one for one in self.columns if names.count(_plain(one)) > 1), None):
-            hint = "Keep one, or give the other another name."
-            raise self.error(self.header + 1, f": two columns are called {twice}", hint, "E3603")
+            raise failures.table_without_columns(name=self.name, problem=problem)
+        nearest = above[-1]
+        if above == filled:
+            nearest = data[0]
+        elif len(above) > 1 and all(map(_UNIT.fullmatch, _words(lines[nearest]))):
+            nearest = above[-2]
+        return max((nearest, *above), key=lambda k: len(self._split(k, wanted)[2]))
 
-    def _has_no_row(self, line: str) -> bool:
+    def _split(self, line: int, wanted: Sequence[str]) -> tuple[str | None, list[str], dict[str, int]]:
+        """Return the separator of a header, its names, and the wanted columns among them."""
+        text = self.lines[line].strip(" ").lstrip("# ")
+        tried = [(one, names := cells_of(text, one), find_columns(names, wanted)) for one in SEPARATORS]
+        return max(tried, key=lambda one: len(one[2]))
+
+    def _is_no_row(self, line: str) -> bool:
         """Return whether a line is blank, or repeats the unit of each wanted column."""
         cells = dict(enumerate(_plain(cell.strip("()[]")) for cell in cells_of(line, self.separator)))
         units = {k: _plain(name.rpartition("_")[2]) for name, k in self.columns.items()}
@@ -143,29 +142,25 @@ class Table:
 
     def numbers(self) -> dict[str, Array]:
         """Return the wanted columns, shape (n,) each. Raises RecordError E3604 at the first wrong cell or row."""
-        wanted = list(self.columns.values())
         try:
-            values = self._plain_numbers(wanted)
+            values = self._plain_numbers()
         except ValueError:
-            rows = [self._numbers(line, cells) for line, cells in self.rows(numeric=True)]
-            values = np.array(rows, dtype=np.float64).reshape(-1, len(wanted))
+            rows = [
+                [self._number(line, name, text) for name, text in cells.items()]
+                for line, cells in self.rows(numeric=True)
+            ]
+            values = np.array(rows, dtype=np.float64).reshape(-1, len(self.columns))
         return {name: np.ascontiguousarray(values[:, k]) for k, name in enumerate(self.columns)}
 
-    def _plain_numbers(self, wanted: Sequence[int]) -> Array:
-        """Return columns, shape (n, wanted), of a table without oddities. Raises ValueError for another one."""
-        lines, split = list(filter(str.strip, self.lines[self.begin :])), self.separator
-        if split != ",":
+    def _plain_numbers(self) -> Array:
+        """Return the wanted columns, shape (n, wanted), by NumPy. Raises ValueError if the table has oddities."""
+        separator = self.separator
+        lines = [line for line in self.lines[self.begin :] if line.strip()]
+        if separator != ",":
             lines = [line.replace(",", ".") for line in lines]
-        quote = '"' if '"' in "".join(lines[:1]) else None
-        if not lines or (quote and any(line.count(quote) % 2 for line in lines)):
-            raise ValueError("no rows, or quoted line ends")
-        with suppress(ValueError):
-            values = np.loadtxt(lines, delimiter=split, quotechar=quote, ndmin=2, encoding=None)
-            if values.shape[1] == self.width:
-                return values[:, wanted]
-        if any(len(line.rstrip(split).split(split)) > self.width for line in lines):
-            raise ValueError("more cells than columns")
-        return np.loadtxt(lines, delimiter=split, quotechar=quote, usecols=wanted, ndmin=2, encoding=None)
+        if not lines or any(line.rstrip(separator).count(separator or " ") >= self.width for line in lines):
+            raise ValueError("no rows, or more cells than columns")
+        return np.loadtxt(lines, delimiter=separator, usecols=list(self.columns.values()), ndmin=2)
 
     def rows(self, *, numeric: bool = False) -> Iterator[tuple[int, dict[str, str]]]:
         """Yield the line, from 1, and the wanted cells of each row, with decimal points. Missing cells are empty.
@@ -183,18 +178,16 @@ class Table:
         least = max(self.columns.values()) + 1 if numeric else 0
         try:
             for cells in reader:
-                count = len(cells)
-                while count and not cells[count - 1].strip():
-                    count -= 1
+                count = max((k for k, cell in enumerate(cells, 1) if cell.strip()), default=0)
+                line = self.begin + reader.line_num
                 if count > self.width or (count and len(cells) < least):
-                    raise self._wrong_width(self.begin + reader.line_num, count)
+                    raise self._wrong_width(line, count)
                 cells += [""] * (self.width - len(cells))
                 if count:
-                    row = {name: self._cell(cells[k]) for name, k in self.columns.items()}
-                    yield self.begin + reader.line_num, row
+                    yield line, {name: self._cell(cells[k]) for name, k in self.columns.items()}
         except csv.Error as wrong:
             hint = "Look for a quotation mark that is not closed."
-            raise self.error(self.begin + reader.line_num, f": {wrong}", hint) from None
+            raise self._error(self.begin + reader.line_num, f": {wrong}", hint) from None
 
     def _cell(self, cell: str) -> str:
         text = cell.strip()
@@ -202,26 +195,15 @@ class Table:
             return text.replace(",", ".")
         return plain_text(text)
 
-    def _numbers(self, line: int, cells: Mapping[str, str]) -> list[float]:
-        """Return the numbers of a row. Raises RecordError E3604."""
-        numbers = []
-        for name, text in cells.items():
-            if (number := number_of(text)) is None:
-                found = f"{shortened(text)!r} is no number" if text else "the cell is empty"
-                strange = [
-                    f"{code_point(one)} is not part of a number. " for one in text if not one.isascii()
-                ]
-                hint = "Correct or delete the row; numbers are written like -12.5 or 1.25e-3."
-                hint = "".join(strange[:1]) + hint
-                raise self.error(line, f", column {name}: {found}", hint, cell=self.columns[name])
-            numbers.append(number)
-        return numbers
-
-    def without(self, missing: Sequence[str], hint: str) -> RecordError:
-        """Return the error E3603 for missing columns."""
-        header = shortened(self.lines[self.header].strip().lstrip("# "))
-        what = f": no column {' and no '.join(missing)} in {header}"
-        return self.error(self.header + 1, what, hint, "E3603")
+    def _number(self, line: int, column: str, text: str) -> float:
+        if (number := number_of(text)) is not None:
+            return number
+        problem = f"{shortened(text)!r} is no number" if text else "the cell is empty"
+        strange = next(
+            (f"{code_point(one)} is not part of a number. " for one in text if not one.isascii()), ""
+        )
+        hint = f"{strange}Correct or delete the row; numbers are written like -12.5 or 1.25e-3."
+        raise self._error(line, f", column {column}: {problem}", hint, cell=self.columns[column])
 
     def _wrong_width(self, line: int, cells: int) -> RecordError:
         hint = "Complete or delete the row."
@@ -231,11 +213,22 @@ class Table:
             hint = "Delete the cells beyond the last column, or give them a name."
         elif not any(map(str.strip, self.lines[line:])):
             hint = "The file ends within a row: delete its last line."
-        return self.error(line, f": {plural(cells, 'cell')} under a header of {self.width}", hint)
+        return self._error(line, f": {plural(cells, 'cell')} under a header of {self.width}", hint)
 
-    def error(self, line: int, what: str, hint: str, code: str = "E3604", cell: int = 0) -> RecordError:
+    def without(self, missing: Sequence[str], hint: str) -> RecordError:
+        """Return the error E3603 for missing columns."""
+        header = shortened(self.lines[self.header].strip().lstrip("# "))
+        what = f": no column {' and no '.join(missing)} in {header}"
+        return self._error(self.header + 1, what, hint, "E3603")
+
+    def _error(self, line: int, what: str, hint: str, code: str = "E3604", cell: int = 0) -> RecordError:
         """Return an error at a line, from 1, or at one of its cells after the first."""
         text = self.lines[line - 1]
         start, length = span_of(text, self.separator, cell) if cell else (0, len(text))
         where = Location(self.name, line, start + 1, max(1, length), text)
         return RecordError(f"{self.name}, line {line}{what}.", hint=hint, code=code, where=where)
+
+
+def _is_numeric(line: str) -> bool:
+    words = _words(line)
+    return len(words) > 1 and None not in map(number_of, words)

@@ -1,9 +1,9 @@
 """Opens HDF5 files: with the locks of their file system, and only after a look at their bytes.
 
-HDF5 has no check sum over rows and texts, and does not survive every damage. So a finished run file has its length
-and check sum in a line behind the end of the HDF5 data, which HDF5 does not see. The superblock states the length of
-the data and whether a writer has closed them (HDF5 file format specification, II.A). Global heaps, where texts of
-variable length are, have to be sound: the library does not come back from one whose objects have no length.
+HDF5 has no check sum over rows and texts, and does not survive every damage. A finished run file therefore has its
+length and check sum in a line behind the HDF5 data. The superblock states the length of the data and whether a writer
+has closed them (HDF5 file format specification, II.A). Global heaps, where texts of variable length are, have to be
+sound: the library does not return from one whose objects have no length.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import struct
 import zlib
 from collections.abc import Callable
 from contextlib import suppress
-from enum import Enum
 from functools import cache
 from pathlib import Path
 from threading import get_ident
@@ -39,7 +38,27 @@ MAGIC = b"\x89HDF\r\n\x1a\n"
 _VERSION, _FLAGS = 8, 11
 _END_ADDRESS = {0: 40, 1: 44, 2: 28, 3: 28}
 """Offset of the end-of-file address, by version, where addresses have eight bytes."""
+_MARK = slice(20, 24)
+"""Bytes of a superblock of version 0 or 1 that HDF5 sets while a program has the file open for writing."""
 _READ_BYTES = 64
+
+_FORM = "\nedmctl-seal length {length:020d} crc32 {crc:08x}\n"
+_SEAL = re.compile(rb"\nedmctl-seal length (\d{20}) crc32 ([0-9a-f]{8})\n")
+SEAL_BYTES = len(_FORM.format(length=0, crc=0))
+_BLOCK_BYTES = 1 << 20
+
+_HEAP = b"GCOL\x01\x00\x00\x00"
+"""Signature, version and reserved bytes (HDF5 file format specification, III.E)."""
+_HEADER = struct.Struct("<8sQ")
+_OBJECT = struct.Struct("<HHIQ")
+
+INFLATED = 1100
+"""Rows take at least this part of their size in the file: gzip compresses a byte no further."""
+_SMALL_BYTES = 1 << 24
+_HOLES_BYTES, _HOLES_RATIO = 1 << 26, 100
+"""A file that is so much longer than what the disk stores of it; compressing file systems reach a ratio of 32."""
+ATTEMPTS = 24
+"""They take 2^24 ns = 17 ms together; a writer is done with a piece in a fraction of that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,59 +79,29 @@ def read_superblock(path: Path) -> Superblock:
     return Superblock(end_bytes, version == 3 and head[_FLAGS] != 0)
 
 
-_FORM = "\nedmctl-seal length {length:020d} crc32 {crc:08x}\n"
-_SEAL = re.compile(rb"\nedmctl-seal length (\d{20}) crc32 ([0-9a-f]{8})\n")
-SEAL_BYTES = len(_FORM.format(length=0, crc=0))
-_AT_ONCE = 1 << 20
-
-
-class Checksum(Enum):
-    """Whether a file has a check sum behind its data, and whether that fits."""
-
-    NONE = "none"
-    FITS = "fits"
-    BROKEN = "broken"
-
-
 def append_checksum(path: Path) -> None:
     """Append length and check sum to the closed file at `path`."""
     with path.open("r+b") as file:
         length = path.stat().st_size
-        crc = _sum(file, length)
-        file.write(_FORM.format(length=length, crc=crc).encode())
+        file.write(_FORM.format(length=length, crc=_crc32(file, length)).encode())
 
 
-def verify_checksum(path: Path) -> Checksum:
-    """Compare the file at `path` with its check sum. Raises OSError."""
+def verify_checksum(path: Path) -> bool | None:
+    """Return whether the check sum behind the data of a file fits; None if it has none. Raises OSError."""
     with open_regular(path) as file:
         length = file.seek(0, 2) - SEAL_BYTES
-        if length < 0:
-            return Checksum.NONE
-        file.seek(length)
-        found = _SEAL.fullmatch(file.read(SEAL_BYTES))
-        if found is None:
-            return Checksum.NONE
+        file.seek(max(0, length))
+        seal = _SEAL.fullmatch(file.read(SEAL_BYTES))
+        if seal is None:
+            return None
         file.seek(0)
-        crc = _sum(file, length)
-    fits = int(found[1]) == length and crc == int(found[2], 16)
-    return Checksum.FITS if fits else Checksum.BROKEN
+        return int(seal[1]) == length and _crc32(file, length) == int(seal[2], 16)
 
 
-def is_whole(path: Path) -> bool:
-    """Return whether `path` is a file with a check sum that fits."""
-    with suppress(OSError):
-        return verify_checksum(path) is Checksum.FITS
-    return False
-
-
-_MARK = slice(20, 24)
-"""Bytes of a superblock of version 0 or 1 that HDF5 sets while a program has the file open for writing."""
-
-
-def _sum(file: BinaryIO, length: int) -> int:
+def _crc32(file: BinaryIO, length: int) -> int:
     """Return the CRC-32 of the first `length` bytes, as if no program had marked the file."""
     crc = done = 0
-    while block := file.read(min(_AT_ONCE, length - done)):
+    while block := file.read(min(_BLOCK_BYTES, length - done)):
         if done == 0 and block[_VERSION : _VERSION + 1] in (b"\0", b"\1"):
             block = block[: _MARK.start] + bytes(4) + block[_MARK.stop :]
         crc = zlib.crc32(block, crc)
@@ -120,17 +109,29 @@ def _sum(file: BinaryIO, length: int) -> int:
     return crc
 
 
-_HEAP = b"GCOL\x01\x00\x00\x00"
-"""Signature, version and reserved bytes (HDF5 file format specification, III.E)."""
-_HEADER = struct.Struct("<8sQ")
-_OBJECT = struct.Struct("<HHIQ")
+def is_whole(path: Path) -> bool:
+    """Return whether `path` is a file with a check sum that fits."""
+    with suppress(OSError):
+        return verify_checksum(path) is True
+    return False
+
+
+def heap_breaks(path: Path) -> list[tuple[int, int]]:
+    """Return where the objects of a global heap break off, and where that heap would have ended. Raises OSError."""
+    breaks = []
+    if path.stat().st_size:
+        with open_regular(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            begin = content.find(_HEAP)
+            while begin >= 0:
+                place, end = _last_object(content, begin)
+                if place != end:
+                    breaks.append((place, end))
+                begin = content.find(_HEAP, begin + _HEADER.size)
+    return breaks
 
 
 def end_at_breaks(path: Path) -> None:
-    """Have each heap of the file at `path` end where it cannot be gone through: what is behind is lost, not endless.
-
-    Writes to the file. Raises OSError.
-    """
+    """Let each broken heap of the file at `path` end at its break: its further texts are lost. Raises OSError."""
     breaks = heap_breaks(path)
     with path.open("r+b") as file:
         for place, end in breaks:
@@ -138,28 +139,12 @@ def end_at_breaks(path: Path) -> None:
             file.write(_OBJECT.pack(0, 0, 0, end - place))
 
 
-def heap_breaks(path: Path) -> list[tuple[int, int]]:
-    """Return where global heaps of a file break, and where they would have ended. Raises OSError."""
-    if path.stat().st_size == 0:
-        return []
-    found = []
-    with open_regular(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        begin = content.find(_HEAP)
-        while begin >= 0:
-            place, end = _go_through(content, begin)
-            if place != end:
-                found.append((place, end))
-            begin = content.find(_HEAP, begin + _HEADER.size)
-    return found
-
-
-def _go_through(content: mmap.mmap, begin: int) -> tuple[int, int]:
-    """How far the heap at `begin` can be gone through, and where it ends: the same of one that is sound."""
-    if begin + _HEADER.size > len(content):
-        return begin, len(content)
-    _, size = _HEADER.unpack_from(content, begin)
-    end = begin + size
+def _last_object(content: mmap.mmap, begin: int) -> tuple[int, int]:
+    """Return how far the objects of the heap at `begin` are sound, and its end: equal if all are."""
     place = begin + _HEADER.size
+    if place > len(content):
+        return begin, len(content)
+    end = begin + _HEADER.unpack_from(content, begin)[1]
     while place + _OBJECT.size <= min(end, len(content)):
         index, _, _, length = _OBJECT.unpack_from(content, place)
         if index == 0:  # the free space behind the last object, its own header counted
@@ -168,7 +153,7 @@ def _go_through(content: mmap.mmap, begin: int) -> tuple[int, int]:
         if following > end:
             return place, end
         place = following
-    # Too little for another header may be left over.
+    # Too little for another header may remain.
     return (end, end) if 0 <= end - place < _OBJECT.size and end <= len(content) else (place, end)
 
 
@@ -180,22 +165,41 @@ def open_hdf5(path: Path, mode: str = "r", **how: object) -> h5py.File:
     return _without_links(h5py.File(path, mode, locking=locks.of_hdf5(path), **how))
 
 
+def open_swmr(path: Path) -> h5py.File:
+    """Open the file at `path` for reading while another process may write it. Raises OSError."""
+    plist = h5p.create(h5p.FILE_ACCESS)
+    plist.set_libver_bounds(h5f.LIBVER_EARLIEST, h5f.LIBVER_LATEST)
+    if (limit := _limit_of_attempts()) is not None:
+        limit(plist.id, ATTEMPTS)
+    if not locks.are_known(path.parent):
+        plist.set_file_locking(False, True)
+    flags = h5f.ACC_RDONLY | h5f.ACC_SWMR_READ
+    return _without_links(h5py.File(h5f.open(os.fsencode(path), flags, plist)))
+
+
+@cache
+def _limit_of_attempts() -> Callable[[int, int], int] | None:
+    """Return HDF5's call that limits how often metadata are read again; None where it cannot be found."""
+    try:
+        call = ctypes.CDLL(h5p.__file__).H5Pset_metadata_read_attempts
+    except (OSError, AttributeError):
+        return None
+    call.argtypes, call.restype = (ctypes.c_int64, ctypes.c_uint), ctypes.c_int
+    limit: Callable[[int, int], int] = call
+    return limit
+
+
 def _without_links(file: h5py.File) -> h5py.File:
     """Return a file that has no link to another one, which could be a pipe. Raises ValueError."""
-    found = None
+    link = None
     with suppress(RuntimeError, KeyError, ValueError):  # of a damaged file, whose reader reports it
-        found = file.id.links.visit(
+        link = file.id.links.visit(
             lambda name, info: name if info.type == h5l.TYPE_EXTERNAL else None, info=True
         )
-    if found is not None:
+    if link is not None:
         file.close()
-        raise ValueError(f"{found.decode(errors='replace')} is a link to another file")
+        raise ValueError(f"{link.decode(errors='replace')} is a link to another file")
     return file
-
-
-INFLATED = 1100
-"""Rows take at least this part of their size in the file: gzip makes no more of a byte."""
-_SMALL_BYTES = 1 << 24
 
 
 def refuse_endless(dataset: h5d.DatasetID) -> None:
@@ -239,7 +243,7 @@ def plain(value: Any) -> Any:
 
 
 def image_of(fill: Callable[[h5py.File], None], **how: object) -> bytes:
-    """Return the bytes of a new file that `fill` has filled; `how` is handed on to h5py.
+    """Return the bytes of a new file that `fill` has filled; `how` is passed on to h5py.
 
     It is built in memory, because HDF5 does not survive a disk that fills up while it creates objects.
     """
@@ -252,36 +256,6 @@ def image_of(fill: Callable[[h5py.File], None], **how: object) -> bytes:
     return image
 
 
-ATTEMPTS = 24
-"""They take 2^24 ns = 17 ms together; a writer is done with a piece in a fraction of that."""
-
-
-def open_swmr(path: Path) -> h5py.File:
-    """Open the file at `path` for reading while another process may write it. Raises OSError."""
-    plist = h5p.create(h5p.FILE_ACCESS)
-    plist.set_libver_bounds(h5f.LIBVER_EARLIEST, h5f.LIBVER_LATEST)
-    limit = _limit()
-    if limit is not None:
-        limit(plist.id, ATTEMPTS)
-    if not locks.are_known(path.parent):
-        plist.set_file_locking(False, True)
-    flags = h5f.ACC_RDONLY | h5f.ACC_SWMR_READ
-    return _without_links(h5py.File(h5f.open(os.fsencode(path), flags, plist)))
-
-
-@cache
-def _limit() -> Callable[[int, int], int] | None:
-    """HDF5's call that sets the limit; None where it cannot be found."""
-    try:
-        call = ctypes.CDLL(h5p.__file__).H5Pset_metadata_read_attempts
-    except (OSError, AttributeError):
-        return None
-    call.argtypes = (ctypes.c_int64, ctypes.c_uint)
-    call.restype = ctypes.c_int
-    limit: Callable[[int, int], int] = call
-    return limit
-
-
 def open_file(path: Path, *, verify: bool = True) -> h5py.File:
     """Open the run file at `path`; without `verify` its check sum is not compared, which takes reading all of it.
 
@@ -290,11 +264,12 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
     """
     refuse_unreadable(path)
     try:
-        seal = verify_checksum(path) if verify else None
-        if seal is Checksum.BROKEN:
-            raise failures.run_file_damaged(path=path, why="its check sum does not fit")
-        if seal is not Checksum.FITS and heap_breaks(path):
-            raise failures.run_file_damaged(path=path, why="its texts cannot be read")
+        fits = verify_checksum(path) if verify else None
+        problem = "its check sum does not fit" if fits is False else ""
+        if fits is None and heap_breaks(path):
+            problem = "its texts cannot be read"
+        if problem:
+            raise failures.run_file_damaged(path=path, why=problem)
         superblock, size_bytes = read_superblock(path), path.stat().st_size
     except OSError as error:
         raise failures.run_file_unreadable(path=path, reason=error.strerror) from error
@@ -309,7 +284,7 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
     try:
         refuse_foreign(path, file)
         # Behind the data of a closed file there is nothing but its seal.
-        if seal is Checksum.NONE and not superblock.open_for_writing and size_bytes != end_bytes:
+        if verify and fits is None and not superblock.open_for_writing and size_bytes != end_bytes:
             raise failures.run_file_damaged(path=path, why="its check sum is not whole")
     except BaseException:
         file.close()
@@ -338,25 +313,16 @@ def refuse_unreadable(path: Path) -> None:
         if begin != MAGIC:
             raise failures.run_file_not_hdf5(path=path)
         refuse_locked(path)
-        _refuse_holes(path)
+        # Reading a file that is nearly all holes would not end.
+        size_bytes, blocks = path.stat().st_size, getattr(path.stat(), "st_blocks", math.inf)
+        if size_bytes > _HOLES_BYTES + _HOLES_RATIO * 512 * blocks:
+            raise OSError(errno.EFBIG, f"of its {size_bytes / 1e9:.0f} GB almost nothing was written")
     except BlockingIOError as error:
         raise failures.run_file_in_use(path=path, reason=error.strerror) from None
     except FileNotFoundError as error:
         raise failures.run_file_missing(path=path, remedy=_nearest(path)) from error
     except OSError as error:
         raise failures.run_file_unreadable(path=path, reason=error.strerror) from error
-
-
-_HOLES_BYTES, _HOLES_RATIO = 1 << 26, 100
-"""A file that is so much longer than what the disk stores of it; compressing file systems reach a ratio of 32."""
-
-
-def _refuse_holes(path: Path) -> None:
-    """Raise OSError EFBIG if almost all of a file are holes, so that reading it would not end."""
-    found = path.stat()
-    stored_bytes = 512 * getattr(found, "st_blocks", found.st_size)
-    if found.st_size > _HOLES_BYTES + _HOLES_RATIO * stored_bytes:
-        raise OSError(errno.EFBIG, f"of its {found.st_size / 1e9:.0f} GB almost nothing was written")
 
 
 def refuse_foreign(path: Path, file: h5py.File) -> None:
@@ -366,27 +332,26 @@ def refuse_foreign(path: Path, file: h5py.File) -> None:
     except (*HDF5_ERRORS, KeyError) as error:
         raise failures.run_file_damaged(path=path, why=str(error).splitlines()[0]) from error
     name, _, version = schema.partition("/")
-    present_name, _, present = layout.SCHEMA.partition("/")
-    if name != present_name or not version.isdigit():
+    own_name, _, own = layout.SCHEMA.partition("/")
+    if name != own_name or not version.isdigit():
         raise failures.not_a_run_file(path=path)
-    if int(version) > int(present):
+    if int(version) > int(own):
         raise failures.run_file_of_later_version(path=path, schema=schema, own_schema=layout.SCHEMA)
-    if int(version) < int(present):
+    if int(version) < int(own):
         raise failures.run_file_of_earlier_version(
             path=path, maker=maker, schema=schema, own_schema=layout.SCHEMA
         )
 
 
 def _nearest(path: Path) -> str:
+    """Return the remedy for a run file that is not there."""
     for folder in (path.parent, path.parent / "runs"):
         for ending in (PARTIAL, f".h5{PARTIAL}"):
-            partial = folder / f"{path.name}{ending}"
-            if partial.exists():
+            if (partial := folder / f"{path.name}{ending}").exists():
                 return f"The run was not finished; its rows are in {partial}."
-        finished = folder / f"{path.name}.h5"
-        if finished.exists():
+        if (finished := folder / f"{path.name}.h5").exists():
             return f"Did you mean {finished}?"
     if not path.parent.is_dir():
         return "Check the path."
-    where = "" if len(path.parts) == 1 else f" {path.parent}"
-    return f"`edmctl run list{where}` tells which there are."
+    folder_named = "" if len(path.parts) == 1 else f" {path.parent}"
+    return f"`edmctl run list{folder_named}` lists the runs."

@@ -1,7 +1,7 @@
 """Writes complete run files: of a run that has ended, of one that was killed, of what can be read of a damaged one.
 
 During a run nothing is compressed, because SWMR never reuses the space of a compressed chunk that grows. A complete
-file is built anew, in the oldest format that can hold it: its rows in large chunks through the filters shuffle and
+file is written anew, in the oldest format that can hold it: its rows in large chunks through the filters shuffle and
 gzip, which every HDF5 library has. Then it is sealed. The old file is only read.
 
 Columns of a killed run are cut to the shortest of their group, as they were written one after another. A damaged
@@ -34,8 +34,7 @@ from edmctl import failures
 from edmctl.dataclasses import asdict, dataclass, field
 from edmctl.errors import RunFileError
 from edmctl.files import sync
-from edmctl.record import layout
-from edmctl.record.create import GZIP_LEVEL, UNKNOWN, Content, build_tree, fit_utf8
+from edmctl.record import layout, opening
 from edmctl.record.disk import (
     HDF5_ERRORS,
     PARTIAL,
@@ -44,22 +43,9 @@ from edmctl.record.disk import (
     reason,
     rename_without_replacing,
 )
-from edmctl.record.layout import Scalar, Table
+from edmctl.record.layout import GZIP_LEVEL, UNKNOWN, Content, Scalar, Table, build_tree, fit_utf8
 from edmctl.record.locks import is_live
-from edmctl.record.opening import (
-    append_checksum,
-    end_at_breaks,
-    heap_breaks,
-    is_whole,
-    open_dataset,
-    open_file,
-    open_hdf5,
-    open_unjudged,
-    plain,
-    read_superblock,
-    read_value,
-    refuse_foreign,
-)
+from edmctl.record.opening import open_dataset, read_value
 from edmctl.version import __version__
 from edmctl.wording import iso_of
 
@@ -67,11 +53,15 @@ RECOVERED = "recovered"
 RECOVERING = ".recovering"
 """Ending of the new file while it is written."""
 CLOSING = ".closing"
-"""Ending of the compressed copy of a run that ends; whoever dies then leaves the `.partial` file as it was."""
+"""Ending of the compressed copy of a run that ends; if its process dies, the `.partial` file is unchanged."""
 BROKEN = (*HDF5_ERRORS, LookupError, AttributeError, TypeError)
 """What h5py raises on files that are not what they were, from which call depends."""
 _WORKERS = min(4, os.cpu_count() or 1)
 _IN_FLIGHT = 4 * _WORKERS
+_LONGEST_BYTES = 1 << 40
+"""A length beyond this is part of the damage."""
+_LEAST_S, _BYTES_PER_S = 60.0, 1e6
+"""The time limit for a damaged file: so much, and for each byte."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +69,8 @@ class Recovered:
     """A new run file at `path`.
 
     rows : by table, how many are in it
-    lost_rows : by table, how many more the old file had begun or said it had
-    unread_rows : by dataset, how many of the rows could not be read; there it says NaN, or 0 where that is no number
+    lost_rows : by table, how many more the old file had begun or claimed
+    unread_rows : by dataset, how many rows could not be read; they are NaN, or 0 where that is no number
     """
 
     path: Path
@@ -90,10 +80,11 @@ class Recovered:
 
 
 class Source:
-    """A run file that is written anew; every part of it has to be readable. Raises what h5py raises."""
+    """A run file that is written anew. Raises what h5py raises for a part that cannot be read, unless `damaged`."""
 
-    def __init__(self, file: h5py.File) -> None:
-        self._file = file
+    def __init__(self, file: h5py.File, *, damaged: bool = False) -> None:
+        self._file, self._damaged = file, damaged
+        self._ignored: tuple[type[Exception], ...] = BROKEN if damaged else ()
         self.begun: dict[str, int] = {}
         """Rows of the longest column of each table."""
         self.unread: dict[str, int] = {}
@@ -101,101 +92,90 @@ class Source:
     def content(self) -> Content:
         """Return all but the rows."""
         values = {scalar.path: self._scalar(scalar) for scalar in layout.SCALARS}
-        for grid in layout.GRIDS:
-            for column in (grid.signal, *grid.axes):
-                values[f"{grid.path}/{column.name}"] = self.value(f"{grid.path}/{column.name}")
-        return Content(values, self.profile(), {table.path: self._rows(table) for table in layout.TABLES})
-
-    def value(self, path: str) -> NDArray[Any] | None:
-        return read_value(self._file, path)
-
-    def dataset(self, path: str) -> h5d.DatasetID | None:
-        return open_dataset(self._file, path)
-
-    def profile(self) -> dict[str, Any]:
-        attributes = self._file["/entry/profile/values"].attrs
-        return {name: plain(attributes[name]) for name in attributes if name != "NX_class"}
-
-    def rows(self, datasets: dict[str, h5d.DatasetID]) -> int:
-        """Return how many rows of a table are written anew."""
-        return min(_length(dataset) for dataset in datasets.values())
-
-    def read(self, path: str, dataset: h5d.DatasetID, first: int, values: NDArray[Any]) -> None:
-        """Fill `values` with rows from `first` on."""
-        place = dataset.get_space()
-        place.select_hyperslab((first,), values.shape)
-        dataset.read(h5s.create_simple(values.shape), place, values)
-
-    def _scalar(self, scalar: Scalar) -> Any:
-        value = self.value(scalar.path)
-        if value is None:
-            return UNKNOWN.get(scalar.dtype, b"")
-        if scalar.dtype == "json":
-            return value.tobytes()
-        if scalar.dtype == "texts":
-            return [one.decode() for one in value.tolist()]
-        return value.item().decode() if scalar.dtype == "text" else value.item()
-
-    def _rows(self, table: Table) -> int:
-        found = {path: dataset for path in table.datasets if (dataset := self.dataset(path)) is not None}
-        self.begun[table.path] = max(map(_length, found.values()), default=0)
-        return self.rows(found) if found else 0
-
-
-class DamagedSource(Source):
-    """A damaged run file: what can be read of it is written anew."""
-
-    def value(self, path: str) -> NDArray[Any] | None:
-        with suppress(*BROKEN):
-            return super().value(path)
-        return None
-
-    def dataset(self, path: str) -> h5d.DatasetID | None:
-        with suppress(*BROKEN):
-            dataset = super().dataset(path)
-            return dataset if dataset is None or dataset.rank == 1 else None
-        return None
-
-    def profile(self) -> dict[str, Any]:
-        found = {}
-        with suppress(*BROKEN):
+        for column in (layout.TRUTH.signal, *layout.TRUTH.axes):
+            with suppress(*self._ignored):
+                path = f"{layout.TRUTH.path}/{column.name}"
+                values[path] = read_value(self._file, path)
+        profile = {}
+        with suppress(*self._ignored):
             attributes = self._file["/entry/profile/values"].attrs
             for name in attributes:
-                with suppress(*BROKEN):
-                    found[name] = plain(attributes[name])
-        found.pop("NX_class", None)
-        return found
+                with suppress(*self._ignored):
+                    profile[name] = opening.plain(attributes[name])
+        profile.pop("NX_class", None)
+        return Content(values, profile, {table.path: self._rows(table) for table in layout.TABLES})
 
-    def rows(self, datasets: dict[str, h5d.DatasetID]) -> int:
-        """Return the rows before the first whose time cannot be read: it has no place. Else the longest counts."""
-        clock = next((dataset for path, dataset in datasets.items() if path.endswith("/time")), None)
+    def _scalar(self, scalar: Scalar) -> Any:
+        with suppress(*self._ignored):
+            value = read_value(self._file, scalar.path)
+            if value is not None and scalar.dtype == "json":
+                return value.tobytes()
+            if value is not None and scalar.dtype == "texts":
+                return [one.decode() for one in value.tolist()]
+            if value is not None:
+                return value.item().decode() if scalar.dtype == "text" else value.item()
+        return UNKNOWN.get(scalar.dtype, b"")
+
+    def dataset(self, path: str) -> h5d.DatasetID | None:
+        """Return a column or a compound table; None if there is none, or it is damaged."""
+        with suppress(*self._ignored):
+            dataset = open_dataset(self._file, path)
+            if dataset is not None and dataset.rank != 1:
+                raise ValueError(f"{path} is no column")
+            return dataset
+        return None
+
+    def _rows(self, table: Table) -> int:
+        """Return how many rows of a table are written anew.
+
+        Of a damaged file as many as the longest column has, but none from the first on whose time cannot be read.
+        """
+        datasets = {path: dataset for path in table.datasets if (dataset := self.dataset(path)) is not None}
+        lengths = [int(dataset.shape[0]) for dataset in datasets.values()]
+        self.begun[table.path] = max(lengths, default=0)
+        if not self._damaged:
+            return min(lengths, default=0)
+        clock = datasets.get(f"{table.path}/time")
         if clock is None:
-            return max(map(_length, datasets.values()))
-        rows, step = _length(clock), _chunk_rows(clock)
+            return max(lengths, default=0)
+        rows, step = int(clock.shape[0]), _chunk_rows(clock)
         for first in range(0, rows, step):
             try:
-                super().read("", clock, first, np.empty(min(step, rows - first), clock.dtype))
+                _read_rows(clock, first, np.empty(min(step, rows - first), clock.dtype))
             except BROKEN:
                 return first
         return rows
 
     def read(self, path: str, dataset: h5d.DatasetID, first: int, values: NDArray[Any]) -> None:
-        """Fill `values` chunk by chunk, as each can be read or not as a whole, and count what cannot be read."""
-        there = min(len(values), max(0, dataset.shape[0] - first))
-        self.unread[path] = self.unread.get(path, 0) + len(values) - there
-        step = _chunk_rows(dataset)
-        for start in range(0, there, step):
-            piece = values[start : min(start + step, there)]
-            try:
-                super().read(path, dataset, first + start, piece)
-            except BROKEN:
-                piece[...] = unknown_rows(len(piece), piece.dtype)
-                self.unread[path] += len(piece)
+        """Fill `values`, which are unknown, with rows from `first` on.
 
-    def _scalar(self, scalar: Scalar) -> Any:
-        with suppress(*BROKEN):
-            return super()._scalar(scalar)
-        return UNKNOWN.get(scalar.dtype, b"")
+        A damaged dataset is read chunk by chunk, and rows that cannot be read are counted.
+        """
+        present = min(len(values), max(0, dataset.shape[0] - first))
+        step = _chunk_rows(dataset) if self._damaged else max(1, present)
+        unread = len(values) - present
+        for start in range(0, present, step):
+            piece = values[start : min(start + step, present)]
+            try:
+                _read_rows(dataset, first + start, piece)
+            except self._ignored:
+                piece[...] = unknown_rows(len(piece), piece.dtype)
+                unread += len(piece)
+        if unread:
+            self.unread[path] = self.unread.get(path, 0) + unread
+
+
+def _read_rows(dataset: h5d.DatasetID, first: int, values: NDArray[Any]) -> None:
+    place = dataset.get_space()
+    place.select_hyperslab((first,), values.shape)
+    dataset.read(h5s.create_simple(values.shape), place, values)
+
+
+def _chunk_rows(dataset: h5d.DatasetID) -> int:
+    properties = dataset.get_create_plist()
+    if properties.get_layout() == h5d.CHUNKED:
+        return int(properties.get_chunk()[0])
+    return max(1, int(dataset.shape[0]))
 
 
 def unknown_rows(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -207,17 +187,6 @@ def unknown_rows(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
     return rows
 
 
-def _length(dataset: h5d.DatasetID) -> int:
-    return int(dataset.shape[0])
-
-
-def _chunk_rows(dataset: h5d.DatasetID) -> int:
-    properties = dataset.get_create_plist()
-    if properties.get_layout() == h5d.CHUNKED:
-        return int(properties.get_chunk()[0])
-    return max(1, _length(dataset))
-
-
 def write_anew(source: Source, content: Content, target: Path) -> None:
     """Write the new file `target`, which is safe on the disk when the call returns.
 
@@ -225,14 +194,13 @@ def write_anew(source: Source, content: Content, target: Path) -> None:
     """
     try:
         with (
-            open_hdf5(target, "x", libver=("earliest", "v110")) as file,
+            opening.open_hdf5(target, "x", libver=("earliest", "v110")) as file,
             ThreadPoolExecutor(_WORKERS) as pool,
         ):
             build_tree(file, content)
-            for table in layout.TABLES:
-                for path in table.datasets:
-                    _write_rows(source, path, h5d.open(file.id, path.encode()), pool)
-        append_checksum(target)
+            for path in (path for table in layout.TABLES for path in table.datasets):
+                _write_rows(source, path, h5d.open(file.id, path.encode()), pool)
+        opening.append_checksum(target)
         sync(target)
     except BaseException as error:
         if not isinstance(error, FileExistsError):
@@ -278,7 +246,7 @@ def close_run(partial: Path, path: Path) -> None:
     try:
         closing.unlink(missing_ok=True)
         # Every chunk is read once: a cache would keep up to 8 MB of each dataset.
-        with open_hdf5(partial, rdcc_nbytes=0) as file:
+        with opening.open_hdf5(partial, rdcc_nbytes=0) as file:
             source = Source(file)
             write_anew(source, source.content(), closing)
     except HDF5_ERRORS:
@@ -293,16 +261,9 @@ def close_run(partial: Path, path: Path) -> None:
     partial.unlink(missing_ok=True)
 
 
-def recovered_name(path: Path) -> Path:
-    """Return what the complete file is called: `a.h5` for `a.h5.partial`, `a.recovered.h5` for a damaged `a.h5`."""
-    if path.suffix == PARTIAL:
-        return path.with_suffix("")
-    return path.parent / f"{path.stem}.recovered{path.suffix}"
-
-
 def is_complete(path: Path) -> bool:
     """Whether there is nothing to recover: a file with an end and a check sum that fits."""
-    return path.suffix != PARTIAL and is_whole(path)
+    return path.suffix != PARTIAL and opening.is_whole(path)
 
 
 def recover(path: Path, target: Path | None = None) -> Recovered:
@@ -312,13 +273,11 @@ def recover(path: Path, target: Path | None = None) -> Recovered:
     another version wrote it, E9007 a part of it cannot be read (`recover_damaged` copes with that), E9014 a process
     is still writing it.
     """
-    target = target or recovered_name(path)
-    refuse(path, target)
-    with open_file(path) as file:
+    target = _target(path, target)
+    with opening.open_file(path) as file:
         try:
             source = Source(file)
-            content = source.content()
-            return _recovered(source, content, path, target)
+            return _written(source, source.content(), path, target)
         except BROKEN as error:
             if error_number(error) is None:
                 raise failures.run_file_damaged(path=path, why=reason(error)) from error
@@ -331,85 +290,50 @@ def recover_damaged(path: Path, target: Path | None = None) -> Recovered:
 
     Raises RunFileError: as `recover`, and E9007 where nothing can be read.
     """
-    target = target or recovered_name(path)
-    refuse(path, target)
+    target = _target(path, target)
     command = [sys.executable, "-m", "edmctl.record.recovery", str(path), str(target)]
     limit_s = _LEAST_S + path.stat().st_size / _BYTES_PER_S
     try:
         ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=limit_s)
         answer = json.loads(ended.stdout)
     except subprocess.TimeoutExpired:
-        raise failures.run_file_beyond_recovery(
-            path=path, why=f"reading it did not end within {limit_s:.0f} s"
-        ) from None
+        why = f"reading it did not end within {limit_s:.0f} s"
+        raise failures.run_file_beyond_recovery(path=path, why=why) from None
     except ValueError:
-        raise failures.run_file_beyond_recovery(
-            path=path, why=f"reading it ended with status {ended.returncode}"
-        ) from None
+        why = f"reading it ended with status {ended.returncode}"
+        raise failures.run_file_beyond_recovery(path=path, why=why) from None
     if "error" in answer:
         raise RunFileError(answer["error"], code=answer["code"], hint=answer["hint"])
     return Recovered(**answer | {"path": Path(answer["path"])})
 
 
-_LONGEST_BYTES = 1 << 40
-"""A length beyond this is part of the damage."""
-_LEAST_S, _BYTES_PER_S = 60.0, 1e6
-"""The time that is given: so much, and for each byte."""
+def _target(path: Path, target: Path | None) -> Path:
+    """Return the name of the recovered file: `a.h5` for `a.h5.partial`, `a.recovered.h5` for a damaged `a.h5`.
 
-
-def _recovered_damaged(path: Path, target: Path) -> Recovered:
-    copy = _temporary(target, ".copy")
-    try:
-        with _opened(path, copy) as file:
-            refuse_foreign(path, file)
-            source = DamagedSource(file)
-            content = source.content()
-            if not any((content.rows or {}).values()):
-                raise failures.run_file_beyond_recovery(path=path, why="none of its rows can be read")
-            content.values["/entry/status"] = RECOVERED.encode()
-            return _recovered(source, content, path, target)
-    except BROKEN as error:
-        raise failures.run_file_beyond_recovery(path=path, why=reason(error)) from error
-    finally:
-        copy.unlink(missing_ok=True)
-
-
-def _opened(path: Path, copy: Path) -> h5py.File:
-    """Open the file, or a mended copy of it. Raises what h5py raises."""
-    end_bytes = read_superblock(path).end_bytes or 0
-    missing = end_bytes - path.stat().st_size if end_bytes <= _LONGEST_BYTES else 0
-    if missing > 0 or heap_breaks(path):
-        shutil.copyfile(path, copy)
-        if missing > 0:
-            os.truncate(copy, end_bytes)
-        end_at_breaks(copy)
-        path = copy
-    return open_unjudged(path)
-
-
-def refuse(path: Path, target: Path) -> None:
-    """Raise RunFileError: E9001 `target` is taken, E9014 a process is writing `path`."""
+    Raises RunFileError: E9001 it is taken, E9014 a process is writing `path`.
+    """
+    if target is None and path.suffix == PARTIAL:
+        target = path.with_suffix("")
+    target = target or path.parent / f"{path.stem}.recovered{path.suffix}"
     if os.path.lexists(target):
         raise failures.recovery_target_exists(target=target)
     if is_live(path):
         raise failures.run_still_written(path=path)
+    return target
 
 
 def _temporary(target: Path, ending: str) -> Path:
-    """Name of a file while this process makes it."""
+    """Return the name of a file while this process makes it."""
     return target.with_name(f"{target.name}.{os.getpid()}{ending}")
 
 
-def _recovered(source: Source, content: Content, path: Path, target: Path) -> Recovered:
+def _written(source: Source, content: Content, path: Path, target: Path) -> Recovered:
     """Write the new file with its end, if the run had none, and give it its name.
 
     Raises what h5py raises, and RunFileError E9001 when the name was taken meanwhile.
     """
-    values, new, now = (
-        content.values,
-        _temporary(target, RECOVERING),
-        datetime.now(UTC).isoformat(timespec="seconds"),
-    )
+    values, new = content.values, _temporary(target, RECOVERING)
+    now = datetime.now(UTC).isoformat(timespec="seconds")
     values["/entry/recovery"] = fit_utf8(f"from {path.name} by edmctl {__version__} at {now}", 160)
     if not values["/entry/end_time"]:
         values["/entry/end_time"] = (iso_of(path.stat().st_mtime) or now).encode()
@@ -420,18 +344,43 @@ def _recovered(source: Source, content: Content, path: Path, target: Path) -> Re
     except RunFileError as error:
         new.unlink(missing_ok=True)
         raise failures.recovery_target_exists(target=target) from error
-    # What a writer left that died while it closed the file.
+    # Of a writer that died while it closed the file.
     target.with_name(target.name + CLOSING).unlink(missing_ok=True)
-    rows, unread = dict(content.rows or {}), {name: count for name, count in source.unread.items() if count}
+    rows = dict(content.rows or {})
     lost = {name: source.begun[name] - count for name, count in rows.items() if source.begun[name] > count}
-    return Recovered(target, rows, lost, unread)
+    return Recovered(target, rows, lost, source.unread)
+
+
+def _recover_damaged_here(path: Path, target: Path) -> Recovered:
+    copy = _temporary(target, ".copy")
+    try:
+        end_bytes = opening.read_superblock(path).end_bytes or 0
+        missing = end_bytes - path.stat().st_size if end_bytes <= _LONGEST_BYTES else 0
+        is_copied = missing > 0 or bool(opening.heap_breaks(path))
+        if is_copied:
+            shutil.copyfile(path, copy)
+            if missing > 0:
+                os.truncate(copy, end_bytes)
+            opening.end_at_breaks(copy)
+        with opening.open_unjudged(copy if is_copied else path) as file:
+            opening.refuse_foreign(path, file)
+            source = Source(file, damaged=True)
+            content = source.content()
+            if not any((content.rows or {}).values()):
+                raise failures.run_file_beyond_recovery(path=path, why="none of its rows can be read")
+            content.values["/entry/status"] = RECOVERED.encode()
+            return _written(source, content, path, target)
+    except BROKEN as error:
+        raise failures.run_file_beyond_recovery(path=path, why=reason(error)) from error
+    finally:
+        copy.unlink(missing_ok=True)
 
 
 def main() -> None:
     """Recover for the parent process; the answer is one JSON object."""
     path, target = map(Path, sys.argv[1:])
     try:
-        answer = asdict(_recovered_damaged(path, target))
+        answer = asdict(_recover_damaged_here(path, target))
     except RunFileError as error:
         answer = {"error": error.message, "code": error.code, "hint": error.hint}
     print(json.dumps(answer, default=str))  # noqa: T201 - the parent reads it

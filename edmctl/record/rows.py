@@ -164,6 +164,29 @@ class TruthMap:
     depth_um: FloatArray
 
 
+TIME_TOLERANCE_S = 2e-6
+"""How far the start of a train may be from a segment's count: twice the LSB of a controller's time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """Pulses from row `first_row` on: pulse first_row + i begins at start_s + i × period_s."""
+
+    first_row: int = quantity(PURE, "first row in `/entry/pulses/full`", dtype="u8")
+    first_pulse: int = quantity(PURE, "number of that pulse since the controller started", dtype="u8")
+    start_s: float = quantity("s", "time of that pulse since start", column="t0")
+    period_s: float = quantity("s", "pulse period")
+
+    def continues_in(self, train: PulseTrain, row: int) -> bool:
+        """Whether `train`, stored from `row` on, follows the segment's pulses without a gap."""
+        passed = row - self.first_row
+        return (
+            train.period_s == self.period_s
+            and train.first_pulse == self.first_pulse + passed
+            and abs(self.start_s + passed * self.period_s - train.start_s) <= TIME_TOLERANCE_S
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class LinkRow:
     """How the line did from its opening until now."""

@@ -15,10 +15,9 @@ from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.errors import RunFileError
 from edmctl.labels import Basis, weakest, worst
-from edmctl.record.create import NO_EXIT_CODE
 from edmctl.record.disk import PARTIAL
 from edmctl.record.json_rows import record_of
-from edmctl.record.layout import RESULTS, SLOW, TOUCHES
+from edmctl.record.layout import NO_EXIT_CODE, RESULTS, SLOW, TOUCHES
 from edmctl.record.locks import is_live
 from edmctl.record.reader import RunFile, error_code_of, reading, recorded_events
 from edmctl.record.rows import RunEvent

@@ -25,9 +25,10 @@ TOML = "# a comment\n[servo]\nreference = 0.80\n"
 
 def test_every_described_path_exists_and_nothing_else_does(run_path: Path) -> None:
     described = {group.path for group in layout.GROUPS} | {scalar.path for scalar in layout.SCALARS}
-    described |= {table.path for table in layout.TABLES} | {grid.path for grid in layout.GRIDS}
+    described |= {table.path for table in layout.TABLES} | {layout.TRUTH.path}
     described |= {path for table in layout.TABLES for path in table.datasets}
-    described |= {f"{g.path}/{column.name}" for g in layout.GRIDS for column in (g.signal, *g.axes)}
+    columns = (layout.TRUTH.signal, *layout.TRUTH.axes)
+    described |= {f"{layout.TRUTH.path}/{column.name}" for column in columns}
     plotted = (layout.DEFAULT_AXIS, layout.DEFAULT_SIGNAL, *layout.DEFAULT_AUXILIARY)
     described |= {f"{layout.DEFAULT_PLOT}/{name}" for name in plotted}
     found: set[str] = set()

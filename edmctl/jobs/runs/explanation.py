@@ -12,7 +12,7 @@ from edmctl.dataclasses import dataclass
 from edmctl.labels import PAD
 from edmctl.link.faults import FAULTS
 from edmctl.machine.interface import EventCode
-from edmctl.record.create import NO_EXIT_CODE
+from edmctl.record.layout import NO_EXIT_CODE
 from edmctl.record.reader import RunFile, error_code_of, recorded_events
 from edmctl.record.rows import RunEvent
 from edmctl.results.run_file import FileEvent, Sentence

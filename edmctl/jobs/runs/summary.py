@@ -8,8 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from edmctl.jobs.runs.explanation import events_of, sentences_of, wanted
 from edmctl.jobs.runs.opening import command_to_go_on
-from edmctl.record.create import NO_EXIT_CODE
-from edmctl.record.layout import TOUCHES
+from edmctl.record.layout import NO_EXIT_CODE, TOUCHES
 from edmctl.record.reader import RunFile, error_code_of
 from edmctl.record.run_index import estimated_depth, sites_of, status_of
 from edmctl.results.run_file import FileEvent, JumpTimes, RunSummary, Sentence
