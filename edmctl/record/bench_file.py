@@ -1,4 +1,4 @@
-"""The file of a kept bench: nested names with arrays, numbers and texts, as HDF5.
+"""The file of a persistent bench: nested names with arrays, numbers and texts, as HDF5.
 
 The dataset `state` is JSON text with names, numbers and texts; each array in it is a place in the dataset `arrays`.
 Hundreds of datasets, written every few seconds of the bench's time, would cost more than the machining. A hash over
@@ -42,14 +42,14 @@ _ARRAY = "array"
 
 @contextmanager
 def bench_lock(path: Path, wait_s: float = 0.0) -> Iterator[None]:
-    """Keep others from using the bench at `path` while the block runs; wait so long for those who do now.
+    """Keep others from using the bench at `path` while the block runs; wait so long for a present user.
 
     Raises RunFileError: E9020 no file can have this name, E9023 it is in use, E9024 nothing can be written there.
     """
     lock = _lock_of(path)
     with ExitStack() as held:
         try:
-            locks.retried(lambda: _locked(lock, held), wait_s)
+            locks.retried(lambda: _take_lock(lock, held), wait_s)
         except BlockingIOError as busy:
             holder = f"{lock_holder(lock) or 'another program'} has it"
             raise failures.bench_in_use(path=path, holder=holder) from busy
@@ -68,23 +68,23 @@ def _lock_of(path: Path) -> Path:
         raise _unreadable(path, getattr(refused, "strerror", None) or str(refused)) from None
 
 
-def _locked(lock: Path, held: ExitStack) -> None:
+def _take_lock(lock: Path, held: ExitStack) -> None:
     """Open and lock the file until `held` is left. Raises BlockingIOError if another program has it."""
 
-    def take_away() -> None:
+    def remove() -> None:
         with suppress(OSError):
             lock.unlink()
 
     while True:
-        with ExitStack() as mine:
+        with ExitStack() as own:
             descriptor = open_descriptor(lock, os.O_RDWR | os.O_CREAT)
-            mine.callback(os.close, descriptor)
-            mine.enter_context(locks.exclusive(descriptor))
-            # The one who had it before may have taken it away meanwhile.
+            own.callback(os.close, descriptor)
+            own.enter_context(locks.exclusive(descriptor))
+            # The holder before may have removed it meanwhile.
             if lock.exists() and os.path.samestat(os.fstat(descriptor), lock.stat()):
-                held.enter_context(mine.pop_all())
-                # It is still locked then: whoever takes the name from now on makes a new file.
-                held.callback(take_away)
+                held.enter_context(own.pop_all())
+                # It is removed while it is locked: whoever takes the name from then on makes a new file.
+                held.callback(remove)
                 return
 
 
@@ -95,7 +95,7 @@ def refuse_place(path: Path) -> None:
 
 
 def read_bench(path: Path) -> State:
-    """Return the state that the file at `path` holds.
+    """Return the state in the file at `path`.
 
     Raises RunFileError: E9020 it is no bench or damaged, E9021 or E9022 another version wrote it, E9023 another
     program has it open.
@@ -122,32 +122,35 @@ def read_bench(path: Path) -> State:
             text, arrays = _bytes(file["state"]), _bytes(file["arrays"])
             if file.attrs[_HASH] != _hash_of(text, arrays):
                 raise ValueError("its content does not fit its check sum")
-            return _state(text, arrays)
     except _OTHER_PARTS as error:
         raise _unreadable(path, "its parts are not those of a bench") from error
     except HDF5_ERRORS as error:
         raise _unreadable(path, reason(error)) from error
 
+    def array(value: dict[str, Any]) -> Any:
+        if value.keys() != {_ARRAY}:
+            return value
+        kind, shape, first = value[_ARRAY]
+        return np.frombuffer(arrays, kind, math.prod(shape), first).reshape(shape).copy()
+
+    try:
+        state: State = json.loads(text, object_hook=array)
+    except (*_OTHER_PARTS, ValueError) as error:
+        raise _unreadable(path, "its parts are not those of a bench") from error
+    return state
+
 
 def write_bench(path: Path, state: State, *, is_own: bool = False) -> None:
     """Put a state into the file at `path`, new or instead of the bench that is there; all of it or nothing.
 
-    `is_own` says that this program, which holds the lock, has read or written the file already.
+    `is_own` means that this program, which holds the lock, has read or written the file already.
 
     Raises RunFileError: E9020 or E9022 what is there is no bench of this version, and stays; E9024 it cannot be
-    written.
+    written. Raises TypeError for a value that is no array and has no place in JSON.
     """
     target = path.resolve()
     if target.exists() and not is_own:
         read_bench(target)
-    try:
-        replace_file(target, _image(state))
-    except OSError as refused:
-        raise _unwritable(path, refused) from refused
-
-
-def _image(state: State) -> bytes:
-    """Return the file of a state. Raises TypeError for a value that is no array and has no place in JSON."""
     blocks: list[bytes] = []
 
     def place(value: object) -> dict[str, object]:
@@ -155,8 +158,9 @@ def _image(state: State) -> bytes:
             return dict(value)
         if not isinstance(value, np.ndarray):
             raise TypeError(f"{type(value).__name__} has no place in the file of a bench")
+        first = sum(map(len, blocks))
         blocks.append(value.tobytes())
-        return {_ARRAY: [value.dtype.str, value.shape, sum(map(len, blocks[:-1]))]}
+        return {_ARRAY: [value.dtype.str, value.shape, first]}
 
     text = json.dumps(dict(state), default=place).encode()
     arrays = b"".join(blocks)
@@ -166,20 +170,10 @@ def _image(state: State) -> bytes:
         file["state"] = np.frombuffer(text, np.uint8)
         file["arrays"] = np.frombuffer(arrays, np.uint8)
 
-    return image_of(fill)
-
-
-def _state(text: bytes, arrays: bytes) -> State:
-    """Return the state that `_image` was made of."""
-
-    def placed(value: dict[str, Any]) -> Any:
-        if value.keys() != {_ARRAY}:
-            return value
-        kind, shape, first = value[_ARRAY]
-        return np.frombuffer(arrays, kind, math.prod(shape), first).reshape(shape).copy()
-
-    state: State = json.loads(text, object_hook=placed)
-    return state
+    try:
+        replace_file(target, image_of(fill))
+    except OSError as refused:
+        raise _unwritable(path, refused) from refused
 
 
 def _bytes(dataset: h5py.Dataset) -> bytes:

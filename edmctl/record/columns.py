@@ -35,24 +35,23 @@ MEANINGS = {
 WANTED = (TIME, VOLTAGE, DISPLACEMENT)
 HDF5_SUFFIXES = (".h5", ".hdf5", ".hdf", ".nxs")
 RUN_COLUMNS = {TIME: "time", VOLTAGE: "v_cmd", DISPLACEMENT: "z_sensor"}
-"""Where a run file holds the columns of a record."""
-_BEGIN_BYTES = 1 << 16
-"""The attributes of the root, which say what wrote a file, lie within them."""
+"""Columns of a run file that are those of a record."""
 UNITS = {"s": "s", "V": "V", "um": "um", "A": "A", "Hz": "Hz"}
 """Units by the end of a column's name."""
+_BEGIN_BYTES = 1 << 16
+"""The attributes of the root, which say what wrote a file, lie within them."""
 
 
 def read_record(path: Path, previous_v: float | None = None) -> Record:
     """Read a measured record: columns t_s, u_V and y_um of a CSV or HDF5 file, or the servo's of a run file.
 
-    previous_v : what the actuator was held at before the first sample, V; None: conditioned.
+    previous_v : voltage at which the actuator was held before the first sample, V; None: conditioned.
 
-    A run file is known by what it says of itself, whatever its name, and a servo table that `edmctl run export`
-    wrote by its columns. Other columns are ignored. What the numbers say is judged by `actuator.checks`.
+    A run file is known by its content, whatever its name, and a servo table that `edmctl run export` wrote by its
+    columns. Other columns are ignored. The numbers are checked by `actuator.checks`.
 
     Raises RecordError: E3601 the file cannot be read, E3602 it is no table, E3603 its columns have other names,
-    E3604 a row is no row of numbers (with its line), E3605 it has no rows, E3606 it is HDF5 without one clear set of
-    columns.
+    E3604 a row is no row of numbers (with its line), E3605 it has no rows, E3606 it is HDF5 without these columns.
     """
     t_s, u_v, y_um = read_columns(path, *WANTED)
     return Record(t_s, u_v, y_um, previous_v, path.name)
@@ -60,8 +59,17 @@ def read_record(path: Path, previous_v: float | None = None) -> Record:
 
 def read_columns(path: Path, *needed: str) -> tuple[Array, ...]:
     """Return columns of numbers of a CSV or HDF5 file (`MEANINGS`), shape (n,) each. Raises as `read_record`."""
-    content = _content(path)
-    if content.startswith(MAGIC):
+    try:
+        with open_regular(path) as file:
+            begin = file.read(len(MAGIC))
+        refuse_locked(path)
+        content = begin if begin == MAGIC else read_bytes(path, RECORD_BYTES)
+    except (OSError, ValueError) as error:
+        why = "there is no such file" if isinstance(error, FileNotFoundError) else disk.reason(error)
+        is_held = isinstance(error, BlockingIOError)
+        hint = "Close it there, or give a copy." if is_held else "Check the path and its permissions."
+        raise failures.record_file_unreadable(path=path, why=why, remedy=hint) from error
+    if content == MAGIC:
         columns = _read_hdf5(path, needed)
     elif content and path.suffix.lower() in HDF5_SUFFIXES:
         raise failures.not_hdf5(path=path)
@@ -70,27 +78,6 @@ def read_columns(path: Path, *needed: str) -> tuple[Array, ...]:
     if (rows := len(columns[needed[0]])) < 2:
         raise failures.record_without_rows(path=path, rows=plural(rows, "row"))
     return tuple(columns[name] for name in needed)
-
-
-def write_columns(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
-    """Write columns of one length, shape (n,), to a new file: HDF5 datasets at the root, or CSV.
-
-    The name's suffix says which: .h5 and its kin, else CSV. Numbers are written so that they are read back
-    exactly. Raises RunFileError: E9011 the file exists, E9012 it cannot be written.
-    """
-    if len({values.shape for values in columns.values()}) != 1:
-        raise ValueError("columns differ in length")
-    if path.suffix.lower() in HDF5_SUFFIXES:
-        content = _hdf5(columns)
-    else:
-        rows = row_lines(map(repr, values.tolist()) for values in columns.values())
-        content = (header_line(columns) + rows).encode()
-    try:
-        disk.write_new(path, content)
-    except FileExistsError:
-        raise failures.data_exists(path=path) from None
-    except OSError as error:
-        raise failures.data_not_written(path=path, error=disk.reason(error)) from error
 
 
 def read_text(content: bytes, name: str, needed: Sequence[str] = WANTED) -> dict[str, Array]:
@@ -102,40 +89,39 @@ def read_text(content: bytes, name: str, needed: Sequence[str] = WANTED) -> dict
 
 
 def _hint(missing: Sequence[str]) -> str:
-    return (
-        f"Needed: {', '.join(f'{name} ({MEANINGS[name]})' for name in missing)}. Other columns are ignored."
-    )
-
-
-def _content(path: Path) -> bytes:
-    """The file's bytes; of HDF5 only its signature."""
-    try:
-        with open_regular(path) as file:
-            start = file.read(len(MAGIC))
-        refuse_locked(path)
-        return start if start == MAGIC else read_bytes(path, RECORD_BYTES)
-    except (OSError, ValueError) as error:
-        why = "there is no such file" if isinstance(error, FileNotFoundError) else disk.reason(error)
-        is_held = isinstance(error, BlockingIOError)
-        hint = "Close it there, or give a copy." if is_held else "Check the path and its permissions."
-        raise failures.record_file_unreadable(path=path, why=why, remedy=hint) from error
+    named = ", ".join(f"{name} ({MEANINGS[name]})" for name in missing)
+    return f"Needed: {named}. Other columns are ignored."
 
 
 def _read_hdf5(path: Path, needed: Sequence[str]) -> dict[str, Array]:
+    """Read a run file, or what another program or `write_columns` wrote: datasets at the root."""
     try:
         with open_run(path) as run:
             servo = run.columns(layout.SERVO.path)
-            columns = _arrays(path, {wanted: servo[RUN_COLUMNS[wanted]] for wanted in needed})
+            columns = _arrays(path, {name: servo[RUN_COLUMNS[name]] for name in needed})
+        if DISPLACEMENT in columns and not np.isfinite(columns[DISPLACEMENT]).any():
+            raise failures.run_without_sensor(path=path)
+        return columns
     except (RunFileError, KeyError, *disk.HDF5_ERRORS) as refused:
         _refuse_own(path, refused)
-        return _read_foreign(path, needed)
-    if DISPLACEMENT in columns and not np.isfinite(columns[DISPLACEMENT]).any():
-        raise failures.run_without_sensor(path=path)
-    return columns
+    try:
+        with open_hdf5(path) as file:
+            names = [name for name in file if isinstance(file[name], h5py.Dataset)]
+            indices = find_columns(names, needed)
+            if missing := [name for name in needed if name not in indices]:
+                held = ", ".join(names[:20]) or "nothing"
+                message = f"{path} has no dataset {' and no '.join(missing)}; its root holds {held}."
+                raise failures.hdf5_record_wrong(problem=message, remedy=_hint(missing))
+            datasets = {name: file[names[k]] for name, k in indices.items()}
+            for dataset in datasets.values():
+                refuse_endless(dataset.id)
+            return _arrays(path, datasets)
+    except (*disk.HDF5_ERRORS, KeyError, MemoryError) as error:
+        raise failures.hdf5_unreadable(path=path, error=disk.reason(error)) from error
 
 
 def _refuse_own(path: Path, refused: Exception) -> None:
-    """Raise RecordError E3606 for a file of edmctl that holds no record which can be read, and say what it is."""
+    """Raise RecordError E3606 for a file of edmctl that holds no readable record."""
     with open_regular(path) as file:
         begin = file.read(_BEGIN_BYTES)
     if KIND.encode() in begin:
@@ -150,65 +136,44 @@ def _refuse_own(path: Path, refused: Exception) -> None:
     raise failures.hdf5_record_wrong(problem=message, remedy=hint) from refused
 
 
-def _read_foreign(path: Path, needed: Sequence[str]) -> dict[str, Array]:
-    """Read what another program wrote, or `write_columns`."""
-    try:
-        with open_hdf5(path) as file:
-            group = _only_group(path, file, needed)
-            names = list(group)
-            found = find_columns(names, needed)
-            datasets = {wanted: group[names[k]] for wanted, k in found.items()}
-            for dataset in datasets.values():
-                if isinstance(dataset, h5py.Dataset):
-                    refuse_endless(dataset.id)
-            return _arrays(path, datasets)
-    except (*disk.HDF5_ERRORS, KeyError, MemoryError) as error:
-        raise failures.hdf5_unreadable(path=path, error=disk.reason(error)) from error
-
-
-def _only_group(path: Path, file: h5py.File, needed: Sequence[str]) -> h5py.Group:
-    """The group that holds the columns; the root is one."""
-    groups = [file]
-    file.visititems(lambda _, item: groups.append(item) if isinstance(item, h5py.Group) else None)
-    whole = [group for group in groups if len(find_columns(list(group), needed)) == len(needed)]
-    if len(whole) == 1:
-        return whole[0]
-    if whole:
-        named = ", ".join(group.name for group in whole)
-        message, hint = f"{path} holds several records: {named}.", "Write each into a file of its own."
-    else:
-        datasets = {g: [name for name in g if isinstance(g[name], h5py.Dataset)] for g in groups}
-        nearest = max(
-            groups, key=lambda group: (len(find_columns(list(group), needed)), len(datasets[group]))
-        )
-        names = datasets[nearest]
-        held = ", ".join(names[:20]) or "nothing"
-        missing = [name for name in needed if name not in find_columns(names, needed)]
-        message = f"{path} has no dataset {' and no '.join(missing)}; {nearest.name} holds {held}."
-        hint = _hint(missing)
-    raise failures.hdf5_record_wrong(problem=message, remedy=hint)
-
-
-def _arrays(path: Path, found: Mapping[str, h5py.Dataset | NDArray[np.generic]]) -> dict[str, Array]:
-    for name, data in found.items():
-        if not hasattr(data, "dtype") or data.dtype.kind not in "fiu":
+def _arrays(path: Path, columns: Mapping[str, h5py.Dataset | NDArray[np.generic]]) -> dict[str, Array]:
+    for name, data in columns.items():
+        if data.dtype.kind not in "fiu":
             message, hint = f"{path}: {name} is no dataset of numbers.", "Write it as floats."
         elif len(data.shape or ()) != 1:
             message, hint = f"{path}: {name} has the shape {data.shape}.", "Write it as one column."
         else:
             continue
         raise failures.hdf5_record_wrong(problem=message, remedy=hint)
-    lengths = {name: data.shape[0] for name, data in found.items()}
+    lengths = {name: data.shape[0] for name, data in columns.items()}
     if len(set(lengths.values())) > 1:
         each = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise failures.columns_differ_in_length(path=path, each=each)
-    return {name: np.asarray(data[:], dtype=np.float64) for name, data in found.items()}
+    return {name: np.asarray(data[:], dtype=np.float64) for name, data in columns.items()}
 
 
-def _hdf5(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
+def write_columns(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
+    """Write columns of one length, shape (n,), to a new file: HDF5 datasets at the root, or CSV.
+
+    The name's suffix says which: .h5 and its kin, else CSV. Numbers are written so that they are read back
+    exactly. Raises RunFileError: E9011 the file exists, E9012 it cannot be written.
+    """
+    if len({values.shape for values in columns.values()}) != 1:
+        raise ValueError("columns differ in length")
+
     def fill(file: h5py.File) -> None:
         for name, values in columns.items():
             dataset = file.create_dataset(name, data=values)
             dataset.attrs["units"] = UNITS.get(name.rpartition("_")[2], PURE)
 
-    return image_of(fill)
+    if path.suffix.lower() in HDF5_SUFFIXES:
+        content = image_of(fill)
+    else:
+        rows = row_lines(map(repr, values.tolist()) for values in columns.values())
+        content = (header_line(columns) + rows).encode()
+    try:
+        disk.write_new(path, content)
+    except FileExistsError:
+        raise failures.data_exists(path=path) from None
+    except OSError as error:
+        raise failures.data_not_written(path=path, error=disk.reason(error)) from error

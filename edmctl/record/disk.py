@@ -1,8 +1,8 @@
-"""Dealing with the disk: names that are never overwritten, space taken before it is needed, a disk that fails.
+"""Handling of the disk: names that are never overwritten, space taken before it is needed, a disk that fails.
 
 HDF5 does not survive a disk that fills up in the middle of its writing: a failed write leaves its caches in a
 state that crashes the interpreter at the next flush or close. So a file is made longer before each write by
-more than that write can add, and what is left over is cut off at the end.
+more than that write can add, and the excess is cut off at the end.
 
 Sparks and moves wait until what precedes them is on the disk, and a disk may not answer for seconds: such writes
 run in a thread, and meanwhile the caller serves the machine.
@@ -18,6 +18,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,11 +31,18 @@ if TYPE_CHECKING:
 
 HDF5_ERRORS = (OSError, RuntimeError, ValueError)
 """What h5py raises when the disk refuses, depending on the call that met it."""
-
 PARTIAL = ".partial"
 """Ending of a run file that is not finished."""
-
+RESERVE_BYTES = 128 * 1024
+"""What HDF5 may add beside the rows, mostly chunk indexes: up to 8 kB in each of the ten to fifteen columns of a
+table that grow together. Also enough for the last values and for closing."""
+GIVE_UP_S = 10.0
+"""A disk that has not answered for so long hangs, and the job ends safely."""
+PROMPT_S = 0.05
+"""A write usually takes less, and nothing else is done so long."""
 _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
+_NO_RESERVING = (errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
+_STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 def partial_path(path: Path) -> Path:
@@ -51,7 +59,7 @@ def make_folder(folder: Path) -> None:
 
 
 def write_new(path: Path, content: bytes) -> None:
-    """Write a file that must not exist yet; leave none behind when the disk is full."""
+    """Write a file that must not exist yet; remove it when the disk is full."""
     try:
         with path.open("xb") as file:
             file.write(content)
@@ -62,17 +70,11 @@ def write_new(path: Path, content: bytes) -> None:
         raise
 
 
-def sync_names(folder: Path) -> None:
-    """Wait until the disk has the names in a folder, where that can be asked for."""
-    with contextlib.suppress(OSError):
-        sync(folder)
-
-
-def make_lasting(path: Path) -> None:
-    """Wait until the disk itself holds the file at `path` and its name; where neither can be asked for, do not."""
-    for place in (path, path.parent):
+def sync_if_possible(*paths: Path) -> None:
+    """Wait until the disk itself holds files and the names in folders, except where that cannot be requested."""
+    for path in paths:
         with contextlib.suppress(OSError):
-            sync(place)
+            sync(path)
 
 
 def close_without_writing(file: h5py.File) -> None:
@@ -90,7 +92,7 @@ def close_without_writing(file: h5py.File) -> None:
 
 
 def rename_without_replacing(source: Path, target: Path) -> None:
-    """Give `source` the name `target`; raises RunFileError E9004 when that cannot be or is taken."""
+    """Give `source` the name `target`; raises RunFileError E9004 when that is impossible or taken."""
     try:
         try:
             os.link(source, target)
@@ -120,7 +122,7 @@ def cannot_name(source: Path, target: Path, error: BaseException) -> RunFileErro
 
 
 def refuse_place(path: Path) -> None:
-    """Raise RunFileError where no run file can come to be at `path`: E9001 taken, E9002 no folder. Makes nothing."""
+    """Raise RunFileError if no run file can be made at `path`: E9001 taken, E9002 no folder. Makes nothing."""
     for existing in (path, partial_path(path)):
         if os.path.lexists(existing):
             raise failures.run_file_exists(existing=existing)
@@ -134,9 +136,9 @@ def refuse_place(path: Path) -> None:
 
 
 def reason(error: Exception) -> str:
-    """Return the operating system's own words out of what h5py raised."""
-    told_by_hdf5 = "errno = " in str(error)
-    if isinstance(error, OSError) and error.strerror and not told_by_hdf5:
+    """Return the operating system's reason out of what h5py raised."""
+    is_of_hdf5 = "errno = " in str(error)
+    if isinstance(error, OSError) and error.strerror and not is_of_hdf5:
         return error.strerror
     if (number := error_number(error)) is not None:
         return os.strerror(number)
@@ -144,18 +146,11 @@ def reason(error: Exception) -> str:
 
 
 def error_number(error: Exception) -> int | None:
-    """Return the number of the operating system's refusal; None where HDF5 itself refused what it read."""
+    """Return the number of the operating system's refusal; None if HDF5 itself refused what it read."""
     if isinstance(error, OSError) and error.errno is not None:
         return error.errno
-    found = re.search(r"errno = (\d+)", str(error))
-    return int(found.group(1)) if found else None
-
-
-RESERVE_BYTES = 128 * 1024
-"""What HDF5 may add beside the rows, mostly chunk indexes: up to 8 kB in each of the ten to fifteen columns of a
-table that grow together. Also enough for the last values and for closing."""
-
-_UNKNOWN_HERE = (errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
+    match = re.search(r"errno = (\d+)", str(error))
+    return int(match[1]) if match else None
 
 
 def reserve(file: h5py.File, growth_bytes: int) -> None:
@@ -165,79 +160,67 @@ def reserve(file: h5py.File, growth_bytes: int) -> None:
     try:
         os.posix_fallocate(file.id.get_vfd_handle(), 0, file.id.get_filesize() + growth_bytes + RESERVE_BYTES)
     except OSError as error:
-        # A file system that cannot reserve leaves it to the write itself to find the disk full.
-        if error.errno not in _UNKNOWN_HERE:
+        # On a file system that cannot reserve, the write itself finds the disk full.
+        if error.errno not in _NO_RESERVING:
             raise
-
-
-GIVE_UP_S = 10.0
-"""A disk that has not answered for so long hangs, and the job ends safely."""
-PROMPT_S = 0.05
-"""A write usually takes less, and nothing else is done so long."""
-_STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 class DiskThread:
     """Runs one write at a time.
 
-    Parameters
-    ----------
-    attend : keeps a live machine company until its argument holds or some tenths of a second are over. None where
-        the machine's time stops while the host does something else: there writes run in the caller's thread
+    attend : serves a live machine until its argument holds or some tenths of a second are over. None where the
+        machine's time stops while the host does something else: there writes run in the caller's thread
     """
 
     def __init__(self, attend: Callable[[Callable[[], bool]], object] | None = None) -> None:
         self._attend = attend
-        self._writing: _Write | None = None
+        self._writing: Future[None] | None = None
         self._line_is_lost = self._hangs = False
-        self._heard: EdmError | None = None
+        self._error_of_line: EdmError | None = None
 
     def run(self, path: Path, write: Callable[[], None]) -> None:
-        """Return when `write`, of the file at `path`, has run; what it raises comes out here.
+        """Return when `write`, of the file at `path`, has run. Raises what it raises.
 
-        What the machine's line raises meanwhile comes out after it; a lost line, out of the machine's next call.
-        Raises RunFileError E9009 where the disk hangs.
+        An error of the machine's line meanwhile is raised after it; a lost line, by the machine's next call.
+        Raises RunFileError E9009 if the disk hangs.
         """
         if self._attend is None:
             write()
             return
         while self._writing is not None:
             self._wait(path)
-        mine = self._writing = _Write(write)
+        own = self._writing = _in_thread(write)
         self._wait(path)
-        mine.check()
-        if self._heard is not None:
-            heard, self._heard = self._heard, None
-            raise heard
+        own.result()
+        if self._error_of_line is not None:
+            error, self._error_of_line = self._error_of_line, None
+            raise error
 
     def start(self, write: Callable[[], None]) -> bool:
-        """Begin a write that nothing waits for; False where the one before is still under way.
-
-        What that one raised comes out here.
-        """
+        """Begin a write that nothing waits for; False if the one before is still under way. Raises its error."""
         if self._attend is None:
             write()
             return True
         if self._writing is not None:
-            if self._writing.is_alive():
+            if not self._writing.done():
                 return False
             before, self._writing = self._writing, None
-            before.check()
-        self._writing = _Write(write)
+            before.result()
+        self._writing = _in_thread(write)
         return True
 
     def close(self) -> None:
-        """Wait for a write that is under way; not for ever where the disk hangs. Nobody asks for its outcome."""
+        """Wait for a write that is under way, unless the disk hangs. Its outcome is ignored."""
         if self._writing is not None and not self._hangs:
-            self._writing.join(GIVE_UP_S)
+            wait([self._writing], GIVE_UP_S)
 
     def _wait(self, path: Path) -> None:
         writing, begun_s = self._writing, time.monotonic()
         if writing is None:
             return
         if not self._hangs:
-            writing.join(PROMPT_S)
-        while writing.is_alive():
+            wait([writing], PROMPT_S)
+        while not writing.done():
             if self._hangs or time.monotonic() - begun_s > GIVE_UP_S:
                 self._hangs = True
                 raise failures.disk_does_not_answer(give_up_s=GIVE_UP_S, path=path)
@@ -247,40 +230,34 @@ class DiskThread:
         if self._writing is writing:
             self._writing = None
 
-    def _attend_to(self, writing: _Write) -> None:
-        """Read the line for a while, or wait where there is none any more."""
+    def _attend_to(self, writing: Future[None]) -> None:
+        """Read the line for a while, or only wait after an error of the line."""
         assert self._attend is not None
-        if self._line_is_lost or self._heard is not None:
-            writing.join(PROMPT_S)
+        if self._line_is_lost or self._error_of_line is not None:
+            wait([writing], PROMPT_S)
             return
         try:
-            self._attend(lambda: not writing.is_alive())
+            self._attend(writing.done)
         except LinkLost:
             self._line_is_lost = True
-        except EdmError as heard:
-            self._heard = heard
+        except EdmError as error:
+            self._error_of_line = error
 
 
-class _Write(threading.Thread):
-    """A write in a thread of its own, and what it raised."""
+def _in_thread(write: Callable[[], None]) -> Future[None]:
+    """Run a write in a thread that does not keep the program from ending."""
+    future: Future[None] = Future()
 
-    def __init__(self, write: Callable[[], None]) -> None:
-        super().__init__(name="disk", daemon=True)
-        self._write = write
-        self._failure: BaseException | None = None
-        self.start()
-
-    def check(self) -> None:
-        """Raise what it raised."""
-        if self._failure is not None:
-            raise self._failure
-
-    def run(self) -> None:
+    def run() -> None:
         leave_signals_to_the_main_thread()
         try:
-            self._write()
+            write()
+            future.set_result(None)
         except BaseException as error:
-            self._failure = error
+            future.set_exception(error)
+
+    threading.Thread(target=run, name="disk", daemon=True).start()
+    return future
 
 
 def leave_signals_to_the_main_thread() -> None:

@@ -1,7 +1,7 @@
 """The journal of a run: the newest state of its job, on the disk before the machine goes on.
 
-`<run>.journal` lies beside the run file until the run has come to its end: one JSON object with a hash over its
-content, replaced at once, so that a computer that dies leaves the state before or the state after, never a mixture.
+`<run>.journal` lies beside the run file until the run has ended: one JSON object with a hash over its content,
+replaced at once, so that a computer that dies leaves the state before or the state after, never a mixture.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from edmctl.dataclasses import dataclass
 from edmctl.errors import RunFileError
 from edmctl.files import json_of, read_bytes, replace_file
 from edmctl.jsonout import to_json_value
-from edmctl.record.disk import DiskThread, sync_names
+from edmctl.record.disk import DiskThread, sync_if_possible
 from edmctl.record.json_rows import record_of
 
 SCHEMA = "edmctl-journal"
 VERSION = 2
 PERIOD_S = 5.0
-"""Of the machine's time: so old may the state of a cut be that is not urgent."""
+"""Longest age of the state of a cut that is not urgent, in the machine's time."""
 SUFFIX = ".journal"
+_SEPARATOR = ","
 Texts = dict[int, tuple[object, str]]
 """Canonical JSON text of values by their identity; the value is kept so that its identity is not reused."""
-_SEPARATOR = ","
 
 
 class State(Protocol):
-    """How far a job has come."""
+    """Progress of a job."""
 
     @property
     def time_s(self) -> float:
@@ -45,12 +45,12 @@ class State(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class JournalledJob:
-    """Which job on which machine a journal is of.
+    """The job and the machine that a journal belongs to.
 
     `parents` are the runs that this one continues, the first of them first. Paths are absolute, `setup` is empty for
-    the stock machine and `calibration` where none was named. `port` is for people; nothing is ever driven by it.
-    `boots` is how often the controller had started. `places` are name, x and y (µm), θ (degrees) and depth (µm,
-    NaN where the target says it).
+    the stock machine and `calibration` if none was named. `port` is for people; nothing is ever driven by it.
+    `boots` counts the starts of the controller. `places` are name, x and y (µm), θ (degrees) and depth (µm, NaN if
+    the target has it).
     """
 
     run_id: str
@@ -79,7 +79,7 @@ class JournalledJob:
 
 @dataclass(frozen=True, slots=True)
 class Journal:
-    """What a journal holds: the job, its state, when (UTC, s since 1970) and where the stages stood (µm).
+    """Content of a journal: the job, its state, the time (UTC, s since 1970) and the stage positions (µm).
 
     `truth` contains the true values of a virtual bench in the same process, and `clock_s` its time: such a bench
     rests between commands, so the calendar does not apply. Elsewhere it is NaN.
@@ -95,15 +95,10 @@ class Journal:
 
 
 class JournalFile:
-    """Keeps the state of a running job in its file.
+    """Keeps the state of a running job in the file at `path`, which `disk` replaces.
 
-    Parameters
-    ----------
-    path : of the journal, which is replaced
-    job : what it is a journal of
-    stages_um : asks the machine where its stages stand; only with urgent states, when no cut is going on
-    truth : what a virtual bench knows, at every write; clock_s : its time
-    disk : writes it
+    stages_um : reads the stage positions from the machine; only with urgent states, when no cut is going on
+    truth, clock_s : true values and time of a virtual bench, at every write
     """
 
     def __init__(
@@ -126,17 +121,15 @@ class JournalFile:
     def keep(self, state: State, *, urgent: bool = False) -> None:
         """Take a state: an urgent one is on the disk when the call returns, others every `PERIOD_S` at most.
 
-        Raises RunFileError: E9040 where it cannot be written, E9009 where the disk hangs. Of a state that is not
-        urgent the next such call raises them.
+        Raises RunFileError: E9040 if it cannot be written, E9009 if the disk hangs; for a state that is not urgent
+        the next such call raises them.
         """
         if not urgent and state.time_s - self._kept_s < PERIOD_S:
             return
         if urgent:
             self._at_um = self._stages_um()
-        x_um, y_um = self._at_um
-        journal = Journal(
-            self._job, state.as_mapping(), time.time(), x_um, y_um, self._truth(), self._clock_s()
-        )
+        mapping, times = state.as_mapping(), (self._truth(), self._clock_s())
+        journal = Journal(self._job, mapping, time.time(), *self._at_um, *times)
 
         def write() -> None:
             write_journal(self.path, journal, self._texts)
@@ -148,7 +141,7 @@ class JournalFile:
         self._kept_s = state.time_s
 
     def remove(self) -> None:
-        """The run has come to its end: there is nothing to take up. Raises RunFileError E9040."""
+        """Remove the journal of a run that has ended. Raises RunFileError E9040."""
         remove_journal(self.path)
 
 
@@ -164,7 +157,7 @@ def write_journal(path: Path, journal: Journal, texts: Texts | None = None) -> N
     """
     try:
         replace_file(path, _text(journal, {} if texts is None else texts))
-        sync_names(path.parent)
+        sync_if_possible(path.parent)
     except OSError as refused:
         raise _unwritable(path, refused) from refused
 
@@ -173,13 +166,13 @@ def remove_journal(path: Path) -> None:
     """Remove a journal that may be gone already. Raises RunFileError E9040."""
     try:
         path.unlink(missing_ok=True)
-        sync_names(path.parent)
+        sync_if_possible(path.parent)
     except OSError as refused:
         raise _unwritable(path, refused) from refused
 
 
 def read_journal(path: Path) -> Journal:
-    """Return what the journal at `path` holds.
+    """Return the content of the journal at `path`.
 
     Raises FileNotFoundError, RunFileError E9041 if it cannot be read, PreconditionError E8052 if it is damaged or a
     later version wrote it.

@@ -1,4 +1,4 @@
-"""Records and rows as JSON: dataclasses out of plain values, and rows appended to files, one JSON object a line.
+"""Dataclasses out of plain values, and rows appended to files, one JSON object a line.
 
 Each writer of rows has a file of its own, and no line is changed: a network disk keeps such files whole without
 locks. A line that a crash has cut off is no row.
@@ -12,7 +12,7 @@ import math
 import os
 import secrets
 import socket
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from enum import Enum
@@ -28,11 +28,10 @@ from edmctl.results.job import SiteResult
 T = TypeVar("T")
 _LARGEST_INT = 1 << 1000
 """A float holds it."""
-
-
-@cache
-def _hints(kind: Any) -> dict[str, Any]:
-    return get_type_hints(kind)
+SUFFIX = ".jsonl"
+ROWS_BYTES = 100_000_000
+"""Rows of 40,000 runs by one writer; reading them takes a second or two."""
+_hints: Callable[[Any], dict[str, Any]] = cache(get_type_hints)
 
 
 def record_of(kind: type[T], values: Mapping[str, Any]) -> T:
@@ -40,7 +39,7 @@ def record_of(kind: type[T], values: Mapping[str, Any]) -> T:
 
     Raises TypeError or ValueError if the values do not fit such a record.
     """
-    hints = _hints(kind)  # type: ignore[arg-type]
+    hints = _hints(kind)
     if unknown := values.keys() - hints.keys():
         raise TypeError(f"{kind.__name__} has no {', '.join(sorted(map(str, unknown)))}")
     return kind(**{name: typed(hints[name], value, name) for name, value in values.items()})
@@ -84,11 +83,6 @@ def write_through(descriptor: int, data: bytes) -> None:
     os.fsync(descriptor)
 
 
-SUFFIX = ".jsonl"
-ROWS_BYTES = 100_000_000
-"""Rows of 40,000 runs by one writer; reading them takes a second or two."""
-
-
 class RowWriter:
     """Appends rows to a file of its own in a folder. Raises RunFileError E9110 where the disk refuses."""
 
@@ -98,15 +92,15 @@ class RowWriter:
         self._newest = ""
 
     def append(self, kind: str, values: Mapping[str, Any]) -> None:
-        """Append one row, and come back when the disk has it.
+        """Append one row, and return when the disk has it.
 
-        Its time is later than that of every row that was there, also where a clock was put back.
+        Its time is later than that of every earlier row, also if a clock was put back.
         """
         try:
             if self._descriptor is None:
-                self._newest = newest_of(self._folder)
+                self._newest = max((when for when, *_ in _dated(self._folder)[0]), default="")
                 self._descriptor = self._open()
-            self._newest = when = later_than(self._newest)
+            self._newest = when = _later_than(self._newest)
             line = json.dumps({"row": kind, "when": when, **values}, ensure_ascii=False, allow_nan=False)
             write_through(self._descriptor, f"{line}\n".encode())
         except OSError as refused:
@@ -131,7 +125,7 @@ class RowWriter:
         return open_descriptor(self._folder / name, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_APPEND)
 
 
-def later_than(newest: str) -> str:
+def _later_than(newest: str) -> str:
     """Return the time now, or the next microsecond after a time that is still to come."""
     now = datetime.now(UTC)
     with suppress(ValueError, TypeError, OverflowError):
@@ -139,15 +133,10 @@ def later_than(newest: str) -> str:
     return now.isoformat(timespec="microseconds")
 
 
-def newest_of(folder: Path) -> str:
-    """Return the newest time of all rows of a folder; empty where there are none."""
-    return max((when for when, *_ in _dated(folder)[0]), default="")
-
-
 def read_lines(folder: Path) -> tuple[list[dict[str, Any]], int]:
     """Return the rows of a folder in the order of their times, and how many lines were none.
 
-    Each has its kind as `row`. Raises RunFileError E9111 where a file cannot be read.
+    Each has its kind as `row`. Raises RunFileError E9111 if a file cannot be read.
     """
     lines, torn = _dated(folder)
     lines.sort(key=lambda line: line[:3])
@@ -155,29 +144,19 @@ def read_lines(folder: Path) -> tuple[list[dict[str, Any]], int]:
 
 
 def _dated(folder: Path) -> tuple[list[tuple[str, str, int, dict[str, Any]]], int]:
-    """Time, file and line number of each row, with the row, and how many lines were none."""
+    """Return time, file and line number of each row, with the row, and how many lines were none."""
     lines: list[tuple[str, str, int, dict[str, Any]]] = []
-    torn = 0
-    file = folder
+    torn, file = 0, folder
     try:
-        files = sorted(folder.glob(f"*{SUFFIX}")) if folder.is_dir() else []
-        for file in files:
+        for file in sorted(folder.glob(f"*{SUFFIX}")) if folder.is_dir() else []:
             for number, line in enumerate(read_bytes(file, ROWS_BYTES).splitlines(keepends=True)):
-                found = _parsed(line)
-                if found is None:
-                    torn += 1
+                row = None
+                with suppress(ValueError):
+                    row = json_of(line)
+                if line.endswith(b"\n") and isinstance(row, dict) and isinstance(row.get("row"), str):
+                    lines.append((str(row.pop("when", "")), file.name, number, row))
                 else:
-                    lines.append((str(found.pop("when", "")), file.name, number, found))
+                    torn += 1
     except OSError as refused:
         raise failures.rows_unreadable(file=file, reason=refused.strerror) from refused
     return lines, torn
-
-
-def _parsed(line: bytes) -> dict[str, Any] | None:
-    if not line.endswith(b"\n"):
-        return None
-    try:
-        found = json_of(line)
-    except ValueError:
-        return None
-    return found if isinstance(found, dict) and isinstance(found.get("row"), str) else None

@@ -131,7 +131,7 @@ class Grid:
 class Scalar:
     """One value. `source` is the RunMeta field it comes from; empty when it is written at the end.
 
-    `dtype` is a numpy type, `text` (UTF-8, as long as the text is), `texts` (a list of them, as long as the longest),
+    `dtype` is a numpy type, `text` (UTF-8, as long as the text is), `texts` (a list of them, of one length),
     or `json` (UTF-8 bytes as u1, resizable).
     """
 

@@ -1,7 +1,7 @@
 """The job ledger: what was done on which machine with which tool, line by line, beside the run files.
 
-A line of `ledger.jsonl` is one JSON object and is never changed. What holds now (where there are holes, where a tool
-would touch, how much it has lost) follows from reading all lines of a machine in order: `history_of`.
+A line of `ledger.jsonl` is one JSON object and is never changed. The present state (holes, the pad height of each
+tool, its wear) follows from reading all lines of a machine in order: `history_of`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TypeAlias
 
@@ -24,23 +24,31 @@ from edmctl.record.json_rows import record_of, typed, write_through
 from edmctl.record.locks import exclusive, retried
 
 VERSION = 4
-"""Since 2 touches of the pad come with `home_um`: what the sensor showed then of a tool at home. Since 3 lines of a
-virtual bench have its own time, `bench_s`. Since 4 references and jobs state their setup."""
+"""Since 2 touches of the pad have `home_um`, the sensor reading of a tool at home. Since 3 lines of a virtual bench
+have its own time, `bench_s`. Since 4 references and jobs state their setup."""
 UNFINISHED = "unfinished"
 LARGEST = 1e12
-"""Of any number in a line: in µm or s it is beyond all machines, and what is reckoned from it stays finite."""
+"""Of any number in a line: in µm or s it is beyond all machines, and results computed from it stay finite."""
+LEDGER_BYTES = 200_000_000
+FILE_NAME = "ledger.jsonl"
+LONGEST_WAIT_S = 10.0
+"""Longest wait to add the result of a job: a slow disk must not cost it."""
+OPENING_WAIT_S = 1.0
+"""Longest wait to open: a ledger that stays locked is refused before anything moves."""
+SAME_PLACE_UM = 1.0
+"""Two holes of one name so close together are one hole that was resumed: stages repeat to within this."""
 
 
 @dataclass(frozen=True, slots=True)
 class ToolChanged:
-    """A new electrode under this name: whatever was known of an earlier one is over."""
+    """A new electrode under this name: nothing that was known of an earlier one applies."""
 
     tool: str
 
 
 @dataclass(frozen=True, slots=True)
 class ToolNamed:
-    """The tool that was called `before` has this name from now on, its reference and all."""
+    """The tool that was called `before` has this name from now on, and keeps its reference."""
 
     tool: str
     before: str
@@ -48,11 +56,11 @@ class ToolNamed:
 
 @dataclass(frozen=True, slots=True)
 class ReferenceTouched:
-    """Z1: where a tool met the reference pad at `x_um`, `y_um`, by sensor (`z_um`) and actuator model (`model_um`).
+    """Z1: the height of the reference pad at `x_um`, `y_um` by sensor (`z_um`) and actuator model (`model_um`).
 
-    Without a sensor `z_um` is the model's too. `time_s` counts in the run. `doubt_u_um` is a standard uncertainty on
-    top, of touches that were in doubt; `truth` what a virtual bench knows. `park_x_um` and `park_y_um` are where the
-    tool is parked, NaN before version 4, `setup_sha256` the hash of the setup's values.
+    Without a sensor `z_um` is the model's too. `time_s` counts in the run. `doubt_u_um` is the additional standard
+    uncertainty of suspect touches, `truth` the true values of a virtual bench. The tool is parked at `park_x_um`,
+    `park_y_um`, NaN before version 4. `setup_sha256` is the hash of the setup's values.
     """
 
     tool: str
@@ -77,10 +85,7 @@ class ReferenceTouched:
 
 @dataclass(frozen=True, slots=True)
 class JobBegun:
-    """A job is about to cut holes of `radius_um` at `places`: name, x and y of the axis in µm.
-
-    `wear_um` is what the tool is expected to lose by it.
-    """
+    """A job is about to cut holes of `radius_um` at `places` (name, x, y in µm), with an expected `wear_um`."""
 
     tool: str
     run_file: str
@@ -92,10 +97,7 @@ class JobBegun:
 
 @dataclass(frozen=True, slots=True)
 class SiteMachined:
-    """A hole. Where `status` is "unfinished" its depth and wear are estimates; NaN where nothing is known.
-
-    A hole `through` the sheet has no depth.
-    """
+    """A hole. If `status` is "unfinished", depth and wear are estimates, or NaN. A hole `through` has no depth."""
 
     tool: str
     run_file: str
@@ -115,15 +117,10 @@ class SiteMachined:
     depth_u_um: float = math.nan
     through: bool = False
 
-    @property
-    def lacks_depth(self) -> bool:
-        """Whether it should have a depth and has none."""
-        return self.status != UNFINISHED and not self.through and math.isnan(self.depth_um)
-
 
 @dataclass(frozen=True, slots=True)
 class WearMeasured:
-    """What `measure-wear` found: the pad at `z_um`, and what the tool has lost since its reference."""
+    """Result of `measure-wear`: the pad at `z_um`, and the wear since the tool's reference."""
 
     tool: str
     run_file: str
@@ -135,7 +132,7 @@ class WearMeasured:
 
 @dataclass(frozen=True, slots=True)
 class RunEnded:
-    """The run is over after `time_s`; the lines before have its holes."""
+    """The run ended after `time_s`; earlier lines have its holes."""
 
     run_file: str
     status: str
@@ -157,12 +154,12 @@ _KINDS: dict[str, type[Entry]] = {
 }
 _NAMES = {entry: name for name, entry in _KINDS.items()}
 _KNOWN = {"utc_s", "x_um", "y_um", "radius_um"}
-"""Where a hole is, and how wide, is known of every one: others may not run into it."""
+"""Place and width of every hole are known: others may not run into it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One entry: of which machine (by its serial number), and when (UTC, s since 1970).
+    """One entry of the machine with that serial number, and its time (UTC, s since 1970).
 
     `bench_s` is the time of a virtual bench that a file keeps, NaN of any other machine.
     """
@@ -176,7 +173,7 @@ class Line:
 def line_of(row: bytes, path: Path, number: int) -> Line:
     """Read one line.
 
-    Raises RunFileError E9032 if a later version wrote it; ValueError, TypeError or KeyError where it is damaged.
+    Raises RunFileError E9032 if a later version wrote it; ValueError, TypeError or KeyError if it is damaged.
     """
     values = json_of(row)
     if not isinstance(values, dict):
@@ -196,20 +193,16 @@ def line_of(row: bytes, path: Path, number: int) -> Line:
     return line
 
 
-def from_home_um(z_um: float, home_um: float) -> float:
-    """Where a touch was, counted from the tool's home; of lines that do not tell home it is taken to be 0."""
-    return z_um if math.isnan(home_um) else z_um - home_um
-
-
 def _refuse_absurd(line: Line) -> None:
-    """Raise TypeError for a number that no machine has, a time or place that is unknown, or a hole without depth."""
+    """Raise TypeError for a number beyond any machine, an unknown time or place, or a hole without depth."""
     entry = line.entry
-    if isinstance(entry, SiteMachined) and entry.lacks_depth:
-        raise TypeError("its hole is measured, but has no depth_um")
+    match entry:
+        case SiteMachined(through=False) if entry.status != UNFINISHED and math.isnan(entry.depth_um):
+            raise TypeError("its hole is measured, but has no depth_um")
     numbers = {one.name: getattr(entry, one.name) for one in fields(entry)}
     numbers |= {"utc_s": line.utc_s, "bench_s": line.bench_s}
-    for place in numbers.pop("places", ()):
-        numbers |= {f"x of {place[0]}": place[1], f"y of {place[0]}": place[2]}
+    for name, x_um, y_um in numbers.pop("places", ()):
+        numbers |= {f"x of {name}": x_um, f"y of {name}": y_um}
     numbers |= numbers.pop("truth", None) or {}
     for name, value in numbers.items():
         is_known = name in _KNOWN or name.startswith(("x of", "y of"))
@@ -221,17 +214,9 @@ def _refuse_absurd(line: Line) -> None:
 
 def text_of(line: Line) -> str:
     """Return the line as it is in the file, with its end."""
-    own = {"v": VERSION, "kind": _NAMES[type(line.entry)], "serial": line.serial, "utc_s": line.utc_s}
-    values = to_json_value(own | {"bench_s": line.bench_s} | asdict(line.entry), is_exact=True)
+    head = {"v": VERSION, "kind": _NAMES[type(line.entry)], "serial": line.serial, "utc_s": line.utc_s}
+    values = to_json_value(head | {"bench_s": line.bench_s} | asdict(line.entry), is_exact=True)
     return json.dumps(values, ensure_ascii=False) + "\n"
-
-
-LEDGER_BYTES = 200_000_000
-FILE_NAME = "ledger.jsonl"
-LONGEST_WAIT_S = 10.0
-"""Longest wait to add the result of a job: a slow disk must not cost it."""
-OPENING_WAIT_S = 1.0
-"""Longest wait to open: a ledger that stays locked is refused before anything moves."""
 
 
 class Ledger:
@@ -243,9 +228,7 @@ class Ledger:
 
     @classmethod
     def open(cls, folder: Path) -> Ledger:
-        """Read the ledger of a folder; an empty one where there is none.
-
-        A last line that was cut off while it was written is left out.
+        """Read the ledger of a folder, empty if there is none. An incomplete last line is left out.
 
         Raises RunFileError: E9030 it cannot be read, E9031 a line of it is damaged, E9032 a later version wrote it.
         """
@@ -267,12 +250,14 @@ class Ledger:
         if not entries:
             return
         new = tuple(Line(serial, time.time(), entry, bench_s) for entry in entries)
-        text = "".join(text_of(line) for line in new).encode()
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with _locked(self.path) as descriptor:
-                _mend_end(descriptor)
-                write_through(descriptor, text)
+            with ExitStack() as stack:
+                descriptor = open_descriptor(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
+                stack.callback(os.close, descriptor)
+                retried(lambda: stack.enter_context(exclusive(descriptor)), LONGEST_WAIT_S)
+                _complete_last_line(descriptor)
+                write_through(descriptor, "".join(map(text_of, new)).encode())
         except OSError as refused:
             holder = lock_holder(self.path) if isinstance(refused, BlockingIOError) else ""
             why = f"{holder} has locked it" if holder else refused.strerror or refused
@@ -281,7 +266,7 @@ class Ledger:
 
 
 def _lines(path: Path, data: bytes) -> Iterator[Line]:
-    """Every whole line. The last one counts where it is whole, even if its end of line is missing."""
+    """Yield every line; the last one if it is complete, even without its end of line."""
     rows = data.split(b"\n")
     for number, row in enumerate(rows, start=1):
         is_last = number == len(rows)
@@ -295,18 +280,8 @@ def _lines(path: Path, data: bytes) -> Iterator[Line]:
             raise failures.ledger_line_damaged(path=path, number=number, error=error) from error
 
 
-@contextmanager
-def _locked(path: Path) -> Iterator[int]:
-    """Open the ledger for appending, for one program at a time."""
-    descriptor = open_descriptor(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
-    with ExitStack() as held:
-        held.callback(os.close, descriptor)
-        retried(lambda: held.enter_context(exclusive(descriptor)), LONGEST_WAIT_S)
-        yield descriptor
-
-
-def _mend_end(descriptor: int) -> None:
-    """Give a whole last line its end of line, and take a torn one away: nothing may be glued to it."""
+def _complete_last_line(descriptor: int) -> None:
+    """Give a complete last line its end of line, and remove an incomplete one: nothing may be appended to it."""
     size = os.fstat(descriptor).st_size
     last = os.pread(descriptor, size, 0).rpartition(b"\n")[2]
     if not last:
@@ -319,20 +294,15 @@ def _mend_end(descriptor: int) -> None:
         os.ftruncate(descriptor, size - len(last))
 
 
-SAME_PLACE_UM = 1.0
-"""Two holes of one name so close together are one hole that was taken up again: what a stage repeats to."""
-
-
 @dataclass(slots=True)
 class ToolAccount:
-    """One tool: its reference, where it would touch the pad now, what it has made, and lost by that.
+    """One tool: its reference, the pad height it would touch now, its holes and its wear.
 
     `pad_um` counts from the tool's home at 0 V, NaN before the first touch. `holes` are all of the tool, `since`
-    those after its reference;
-    `lost_before_um` is what it lost up to then. `reference_utc_s` and `reference_bench_s` are when, as in `Line`.
-    `killed` are its jobs since its last touch that never ended, with an unknown wear. `replaced_by` is the
-    tool for which it was taken out of the machine after its last reference, "" if it was not: clamped again, it has
-    another length, so `reference` is None and `pad_um` NaN then.
+    those after its reference; `lost_before_um` is its wear up to then. `reference_utc_s` and `reference_bench_s` are
+    times as in `Line`. `killed` are its jobs since its last touch that never ended, with an unknown wear.
+    `replaced_by` is the tool for which it was taken out of the machine after its last reference, "" if it was not:
+    clamped again it has another length, so `reference` is None and `pad_um` NaN then.
     """
 
     label: str
@@ -353,7 +323,7 @@ class ToolAccount:
 
     @property
     def worn_u95_um(self) -> float:
-        """Half-width of its 95 % interval; holes that were left without any estimate are not in it."""
+        """Half-width of its 95 % interval, without holes that have no estimate."""
         return math.hypot(*(_known(hole.wear_u95_um) for hole in self.since))
 
     @property
@@ -364,7 +334,7 @@ class ToolAccount:
 
 @dataclass(frozen=True, slots=True)
 class HomeSeen:
-    """What the sensor showed of a tool at home when the pad was touched, and when, as in `Line`."""
+    """The sensor reading of a tool at home when the pad was touched, and its times, as in `Line`."""
 
     um: float
     utc_s: float
@@ -375,7 +345,7 @@ class HomeSeen:
 class MachineHistory:
     """One machine: its holes, its tools, the tool last in use ("" before the first).
 
-    `homes` are all that were seen of the tool's home, the newest last. `reference` is the last of any tool.
+    `homes` are all readings of the tool's home, the newest last. `reference` is the last of any tool.
     """
 
     holes: list[SiteMachined] = field(default_factory=list)
@@ -385,7 +355,7 @@ class MachineHistory:
     reference: ReferenceTouched | None = None
 
     def account(self, label: str) -> ToolAccount:
-        """The account of a tool, a new one where nothing is known of it."""
+        """Return the account of a tool, a new one if nothing is known of it."""
         return self.tools.setdefault(label, ToolAccount(label))
 
 
@@ -404,42 +374,31 @@ def history_of(lines: Iterable[Line], serial: str) -> MachineHistory:
             history.tool = entry.tool
         if isinstance(entry, ReferenceTouched | SiteMachined | WearMeasured) and math.isfinite(entry.home_um):
             history.homes.append(HomeSeen(entry.home_um, line.utc_s, line.bench_s))
-        if isinstance(entry, ToolChanged):
-            history.tools[entry.tool] = ToolAccount(entry.tool)
-        elif isinstance(entry, ToolNamed):
-            history.tools[entry.tool] = replace(history.account(entry.before), label=entry.tool)
-            del history.tools[entry.before]
-        elif isinstance(entry, ReferenceTouched):
-            _take_reference(history, entry, line)
-        elif isinstance(entry, JobBegun):
-            open_jobs[entry.run_file] = entry
-            history.account(entry.tool).killed.append(entry)
-        elif isinstance(entry, SiteMachined):
-            _take_site(history, entry)
-        elif isinstance(entry, WearMeasured):
-            account = history.account(entry.tool)
-            account.pad_um = from_home_um(entry.z_um, entry.home_um)
-            account.killed.clear()
-        else:
-            ended = open_jobs.pop(entry.run_file, None)
-            if ended is not None:
-                history.account(ended.tool).killed.clear()
+        match entry:
+            case ToolChanged():
+                history.tools[entry.tool] = ToolAccount(entry.tool)
+            case ToolNamed():
+                history.tools[entry.tool] = replace(history.account(entry.before), label=entry.tool)
+                del history.tools[entry.before]
+            case ReferenceTouched():
+                _take_reference(history, entry, line)
+            case JobBegun():
+                open_jobs[entry.run_file] = entry
+                history.account(entry.tool).killed.append(entry)
+            case SiteMachined():
+                _take_site(history, entry)
+            case WearMeasured():
+                account = history.account(entry.tool)
+                account.pad_um = _from_home_um(entry.z_um, entry.home_um)
+                account.killed.clear()
+            case RunEnded():
+                if (ended := open_jobs.pop(entry.run_file, None)) is not None:
+                    history.account(ended.tool).killed.clear()
     for job in open_jobs.values():
-        for name, x_um, y_um in job.places:
-            if not any(_same(hole, name, x_um, y_um) for hole in history.holes):
-                history.holes.append(
-                    SiteMachined(
-                        job.tool,
-                        job.run_file,
-                        name,
-                        x_um,
-                        y_um,
-                        job.radius_um,
-                        UNFINISHED,
-                        math.nan,
-                        math.nan,
-                    )
-                )
+        for place in job.places:
+            if not any(_is_same(hole, *place) for hole in history.holes):
+                unknown = (UNFINISHED, math.nan, math.nan)
+                history.holes.append(SiteMachined(job.tool, job.run_file, *place, job.radius_um, *unknown))
     return history
 
 
@@ -459,40 +418,43 @@ def _take_reference(history: MachineHistory, entry: ReferenceTouched, line: Line
     account.replaced_by = ""
     account.reference_utc_s, account.reference_bench_s = line.utc_s, line.bench_s
     account.lost_before_um = account.lost_um
-    account.pad_um = from_home_um(entry.z_um, entry.home_um)
+    account.pad_um = _from_home_um(entry.z_um, entry.home_um)
     account.since.clear()
     account.killed = [job for job in account.killed if job.run_file == entry.run_file]
 
 
 def _take_site(history: MachineHistory, entry: SiteMachined) -> None:
-    """Add a hole; one that was taken up again replaces its first part, wear and all.
+    """Add a hole; one that was resumed replaces its first part and its wear.
 
-    A job that was resumed writes once more what it had measured before; that changes nothing of the tool.
+    A resumed job writes again what it had measured before; that changes nothing of the tool.
     """
+
+    def outcome(hole: SiteMachined) -> tuple[str, float, float]:
+        return hole.status, _known(hole.depth_um), _known(hole.wear_um)
+
     account = history.account(entry.tool)
     worn_before_um = account.lost_um
-    earlier = [hole for hole in account.holes if _same(hole, entry.name, entry.x_um, entry.y_um)]
-    if entry.status != UNFINISHED and any(_found(hole) == _found(entry) for hole in earlier):
+    earlier = [hole for hole in account.holes if _is_same(hole, entry.name, entry.x_um, entry.y_um)]
+    if entry.status != UNFINISHED and any(outcome(hole) == outcome(entry) for hole in earlier):
         return
-    for old in earlier:
-        if old not in account.since:
-            account.lost_before_um -= _known(old.wear_um)
+    account.lost_before_um -= math.fsum(_known(hole.wear_um) for hole in earlier if hole not in account.since)
     for holes in (history.holes, account.holes, account.since):
-        holes[:] = [hole for hole in holes if not _same(hole, entry.name, entry.x_um, entry.y_um)]
+        holes[:] = [hole for hole in holes if not _is_same(hole, entry.name, entry.x_um, entry.y_um)]
         holes.append(entry)
     if math.isnan(entry.z3_um):
         account.pad_um += account.lost_um - worn_before_um
     else:
-        account.pad_um = from_home_um(entry.z3_um, entry.home_um)
+        account.pad_um = _from_home_um(entry.z3_um, entry.home_um)
 
 
-def _found(hole: SiteMachined) -> tuple[str, float, float]:
-    return hole.status, _known(hole.depth_um), _known(hole.wear_um)
+def _from_home_um(z_um: float, home_um: float) -> float:
+    """Return a touch relative to the tool's home, which is assumed to be 0 if the line does not have it."""
+    return z_um - _known(home_um)
 
 
 def _known(value: float) -> float:
     return 0.0 if math.isnan(value) else value
 
 
-def _same(hole: SiteMachined, name: str, x_um: float, y_um: float) -> bool:
+def _is_same(hole: SiteMachined, name: str, x_um: float, y_um: float) -> bool:
     return hole.name == name and math.hypot(hole.x_um - x_um, hole.y_um - y_um) <= SAME_PLACE_UM

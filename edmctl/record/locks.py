@@ -3,7 +3,7 @@
 Network disks without a lock service answer ENOLCK. There nothing keeps two programs apart, and a job warns (W9002).
 
 The writer of a run file holds a lock that ends with its process: a record lock on a byte beyond the end of the file.
-HDF5's own lock says nothing about the writer: it is given up in SWMR mode, and readers take it too.
+HDF5's own lock does not show the writer: it is given up in SWMR mode, and readers take it too.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _PLACE = 1 << 62
 
 
 def are_known(folder: Path) -> bool:
-    """Whether files in a folder, or its parent until it is there, can be locked; yes where that cannot be known."""
+    """Whether files in a folder, or its nearest parent, can be locked; True if that cannot be tried."""
     while not folder.is_dir() and folder != folder.parent:
         folder = folder.parent
     # Network disks lock folders by themselves: only a file shows it.
@@ -106,7 +106,7 @@ def is_alive(number: int) -> bool:
 
 
 def hold(path: Path) -> int | None:
-    """Lock the file at `path` as its writer; return the descriptor to close, None where there are no locks."""
+    """Lock the file at `path` as its writer; return the descriptor to close, None if there are no locks."""
     if fcntl is None:
         return None
     descriptor = open_descriptor(path, os.O_RDWR)
@@ -148,8 +148,7 @@ def is_live(path: Path) -> bool:
 def _lock_record(descriptor: int, *, exclusive: bool) -> None:
     """Lock one byte. Raises OSError when another has it.
 
-    A lock of an open file is asked for where there is one (Linux): one of a process would end when anything in the
-    process closes the file.
+    Linux can lock the open file. A lock of the process would end when anything in the process closes the file.
     """
     open_file_lock = getattr(fcntl, "F_OFD_SETLK", None)
     if open_file_lock is None or struct.calcsize("P") != 8:

@@ -1,8 +1,8 @@
 """Opens HDF5 files: with the locks of their file system, and only after a look at their bytes.
 
 HDF5 has no check sum over rows and texts, and does not survive every damage. A finished run file therefore has its
-length and check sum in a line behind the HDF5 data. The superblock states the length of the data and whether a writer
-has closed them (HDF5 file format specification, II.A). Global heaps, where texts of variable length are, have to be
+length and check sum in a line behind the HDF5 data. The superblock states the length of the data and whether they
+were closed (HDF5 file format specification, II.A). Global heaps, where texts of variable length are, have to be
 sound: the library does not return from one whose objects have no length.
 """
 

@@ -1,4 +1,4 @@
-"""Reads a run file, and its events: finished, still being written, or left behind by a killed process."""
+"""Reads a run file and its events: finished, still being written, or of a killed process."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import h5py
 import numpy as np
@@ -29,8 +28,8 @@ from edmctl.record.rows import RunEvent, TruthMap
 from edmctl.wording import did_you_mean
 
 TABLES = {table.path: table for table in layout.TABLES}
-_WORD = h5py.string_dtype("utf-8", 16)
-"""No word of a table is longer."""
+_WORD = h5py.string_dtype("utf-8", 128)
+"""No text of the table of results is longer."""
 BLOCK_ROWS = 1 << 18
 """Rows that are read at a time where a whole column would not fit into memory."""
 
@@ -38,23 +37,20 @@ BLOCK_ROWS = 1 << 18
 class RunFile:
     """An open run file. Use it as a context manager.
 
-    Values come in the unit without a step: a column in `0.1 us` is read in µs. Tables that older files do not have
-    read as empty ones.
+    Values are in the unit without a step: a column in `0.1 us` is read in µs. Tables that older files do not have
+    are empty.
     """
 
     def __init__(self, file: h5py.File, path: Path) -> None:
         self._file = file
         self.path = path
-        """Where the file is."""
         self._opened: dict[str, list[h5py.Dataset]] = {}
         self._checked: dict[str, h5py.Dataset] = {}
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __repr__(self) -> str:
@@ -87,7 +83,7 @@ class RunFile:
         return seed if seed >= 0 else None
 
     def refresh(self) -> None:
-        """Look at what a live writer has added since. Raises RunFileError E9015 once it is closed."""
+        """Read what a live writer has added since. Raises RunFileError E9015 once it is closed."""
         self._refuse_closed()
         for table in layout.TABLES:
             for dataset in self._datasets(table):
@@ -96,10 +92,10 @@ class RunFile:
             self._file[f"/entry/{scalar}"].refresh()
 
     def rows(self, path: str) -> int:
-        """How many rows a table of the layout has, for instance `/entry/servo`.
+        """Return the number of rows of a table, for instance `/entry/servo`.
 
         In a file without an end, columns may differ by the rows of the last write; the shortest counts.
-        Raises RunFileError E9015 where the layout has no such table.
+        Raises RunFileError E9015 if the layout has no such table.
         """
         if path not in TABLES:
             raise _unknown(f"There is no table {path!r}", path, list(TABLES))
@@ -156,20 +152,16 @@ class RunFile:
 
     def text(self, path: str) -> str:
         """Return a text, for instance `/entry/status`; empty where an older file has none."""
-        value = self._value(path)
-        if value is not None and not isinstance(value, bytes):
+        value = read_value(self._file, path)
+        text = b"" if value is None else value.item()
+        if not isinstance(text, bytes):
             raise TypeError(f"{path} is no text")
-        return (value or b"").decode()
-
-    def texts(self, path: str) -> list[str]:
-        """Return a list of texts, for instance `/entry/profile/parents`."""
-        values: list[bytes] = list(self._dataset(path)[:])
-        return [value.decode() for value in values]
+        return text.decode()
 
     def number(self, path: str) -> float:
         """Return a number, for instance `/entry/exit_code`; NaN where an older file has none."""
-        value = self._value(path)
-        return math.nan if value is None else float(value)
+        value = read_value(self._file, path)
+        return math.nan if value is None else float(value.item())
 
     def profile_values(self) -> dict[str, float | int | str | bool]:
         """Return every profile value by its dotted key, and units by `key_units`."""
@@ -177,7 +169,7 @@ class RunFile:
         return {key: plain(value) for key, value in attributes if key != "NX_class"}
 
     def profile_value(self, key: str) -> float | int | str | bool | None:
-        """Return one profile value by its dotted key; None where the profile has none such."""
+        """Return one profile value by its dotted key; None if the profile does not have it."""
         value: float | int | str | bool | None = plain(self._file["/entry/profile/values"].attrs.get(key))
         return value
 
@@ -190,7 +182,7 @@ class RunFile:
         return summary
 
     def truth_map(self) -> TruthMap | None:
-        """Return the true floor of a channel; None where the run has none, as on every real machine."""
+        """Return the true floor of a channel; None if the run has none, as on every real machine."""
         grid = layout.TRUTH
         if grid.path not in self._file:
             return None
@@ -211,11 +203,6 @@ class RunFile:
         segment = np.searchsorted(first_rows, row, side="right") - 1
         times: NDArray[np.float64] = start_s[segment] + (row - first_rows[segment]) * period_s[segment]
         return times
-
-    def _value(self, path: str) -> Any:
-        """A single value; None where an older file has none. Raises what h5py raises."""
-        value = read_value(self._file, path)
-        return None if value is None else value.item()
 
     def _datasets(self, table: Table) -> list[h5py.Dataset]:
         # To open nine of them for every part that is read would take longer than to read it.
@@ -247,11 +234,10 @@ def open_run(path: Path) -> RunFile:
 
 @contextmanager
 def reading(path: Path, *, verify: bool = True) -> Iterator[RunFile]:
-    """Open the run file at `path` for a `with` block that works on what is in it.
+    """Open the run file at `path` for a `with` block that works on its content.
 
-    A file without a fitting check sum may hold anything: texts that are none, rows of another form, places that lead
-    nowhere. What that brings about in the block becomes RunFileError E9007; with a file that is whole it is a bug,
-    and stays as it is. `verify` and errors as in `open_file`.
+    A file without a fitting check sum may hold anything. An exception in the block becomes RunFileError E9007 then;
+    with a file that is whole it is a bug, and stays as it is. `verify` and errors as in `open_file`.
     """
     try:
         with RunFile(open_file(path, verify=verify), path) as run:
@@ -270,10 +256,7 @@ LONGEST_CLOSING_LOOKS = 240
 
 
 def present_name(path: Path) -> Path:
-    """Return what a run file is called now: with `.partial` until it is finished, without after.
-
-    The name is returned as it is where there is neither.
-    """
+    """Return the present name of a run file: with `.partial` until it is finished; as it is if there is neither."""
     if path.exists():
         return path
     other = path.with_suffix("") if path.suffix == PARTIAL else partial_path(path)
@@ -281,14 +264,13 @@ def present_name(path: Path) -> Path:
 
 
 def follow(path: Path, pause: Callable[[], None]) -> Iterator[RunFile]:
-    """Yield the run file at `path`, again after each `pause`, with what its writer has added, until it has an end.
+    """Yield the run file at `path`, again after each `pause`, with the rows added meanwhile, until it has an end.
 
-    The last one yielded has the end in it. A file that is finished is yielded once. Raises RunFileError: E9008 its
-    writer died, else as `open_run`.
+    A finished file is yielded once. Raises RunFileError: E9008 its writer died, else as `open_run`.
     """
     with reading(path) as run:
         while True:
-            # Asked first: rows that were flushed between the two are seen, however the writer ended.
+            # Checked first: rows that were flushed between the two are seen, however the writer ended.
             lives = is_live(path)
             if not run.is_finished:
                 run.refresh()
@@ -301,7 +283,7 @@ def follow(path: Path, pause: Callable[[], None]) -> Iterator[RunFile]:
 
 
 def final_name(path: Path, pause: Callable[[], None]) -> Path:
-    """Return the name that the run file at `path` has got at its end; wait while it is being compressed."""
+    """Return the name of the run file at `path` after its end; wait while it is being compressed."""
     if path.suffix != PARTIAL:
         return path
     complete = path.with_suffix("")
@@ -314,15 +296,14 @@ def final_name(path: Path, pause: Callable[[], None]) -> Path:
 
 
 def _column(path: str, name: str) -> Column:
-    """The column of a group that a layout knows."""
-    table = TABLES.get(path)
-    if table is None or not table.nx_class:
-        groups = [known for known, one in TABLES.items() if one.nx_class]
-        raise _unknown(f"There are no columns under {path!r}", path, groups)
-    found = next((column for column in table.columns if column.name == name), None)
-    if found is None:
-        raise _unknown(f"{path} has no column {name!r}", name, [column.name for column in table.columns])
-    return found
+    """Return the column of a group. Raises RunFileError E9015 if the layout does not have it."""
+    groups = {known: one.columns for known, one in TABLES.items() if not one.is_compound}
+    if path not in groups:
+        raise _unknown(f"There are no columns under {path!r}", path, list(groups))
+    columns = {column.name: column for column in groups[path]}
+    if name not in columns:
+        raise _unknown(f"{path} has no column {name!r}", name, list(columns))
+    return columns[name]
 
 
 def _unknown(message: str, name: str, known: Sequence[str]) -> RunFileError:
@@ -352,8 +333,6 @@ JUMP_DONE, TOUCH = 5, 6
 
 @dataclass(frozen=True, slots=True)
 class RecordedEvent:
-    """One event: its time, code, level, sentence, and values."""
-
     time_s: float
     code: int
     level: int
@@ -361,36 +340,28 @@ class RecordedEvent:
     values: Mapping[str, object]
 
     def number(self, name: str) -> float:
-        """Return one of its numbers; NaN where it has none of that name."""
+        """Return one of its numbers; NaN if it has none of that name."""
         value = self.values.get(name, math.nan)
         return float(value) if isinstance(value, int | float) else math.nan
 
 
 def recorded_events(run: RunFile, *wanted: int, start: int = 0) -> list[RecordedEvent]:
-    """Return the events of the `wanted` codes, all where none is given, from row `start` on."""
-    return [
-        RecordedEvent(
-            float(row["time"]),
-            int(row["code"]),
-            int(row["level"]),
-            row["message"].decode(errors="ignore"),
-            _values(row["args"]),
-        )
-        for row in run.table(layout.EVENTS.path, start)
-        if not wanted or int(row["code"]) in wanted
-    ]
+    """Return the events of the `wanted` codes, or all, from row `start` on; without values that are damaged."""
+    events = []
+    for row in run.table(layout.EVENTS.path, start):
+        if wanted and int(row["code"]) not in wanted:
+            continue
+        try:
+            values = json.loads(row["args"])
+        except ValueError:
+            values = {}
+        numbers = float(row["time"]), int(row["code"]), int(row["level"])
+        message = row["message"].decode(errors="ignore")
+        events.append(RecordedEvent(*numbers, message, values if isinstance(values, dict) else {}))
+    return events
 
 
 def error_code_of(run: RunFile) -> str:
-    """Return the code of the error that ended a run early; empty where none did, or the file has none."""
+    """Return the code of the error that ended a run early, or an empty text."""
     ends = recorded_events(run, RunEvent.ENDED_EARLY)
     return str(ends[-1].values.get("code", "")) if ends else ""
-
-
-def _values(utf8: bytes) -> Mapping[str, object]:
-    """The values of an event; none where their text is damaged."""
-    try:
-        values = json.loads(utf8)
-    except ValueError:
-        return {}
-    return values if isinstance(values, dict) else {}

@@ -1,4 +1,4 @@
-"""What the rest of the program hands to a run file: its header, and rows in physical units.
+"""Input of a run file: its header, and rows in physical units.
 
 Array fields have shape (n,) and one length per block. A block is kept by reference until it is written,
 so its arrays must not be changed afterwards.
@@ -14,7 +14,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from edmctl.dataclasses import dataclass, field
-from edmctl.results.declared import PURE, TEXT, quantity, um
+from edmctl.results.declared import PURE, TEXT, flag, quantity, um
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import LinkReport, PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
 
@@ -130,7 +130,7 @@ class ServoBlock:
 
 @dataclass(slots=True)
 class SlowRow:
-    """One row of the supervisor's view. Unknown values are NaN."""
+    """One row of the supervisor. Unknown values are NaN."""
 
     time_s: float = quantity("s", "time since start")
     feed_um_s: float = _f4("um/s", "feed rate", "feed_um_s")
@@ -189,7 +189,7 @@ class Segment:
 
 @dataclass(frozen=True, slots=True)
 class LinkRow:
-    """How the line did from its opening until now."""
+    """Statistics of the line since it was opened."""
 
     time_s: float = quantity("s", "time since start")
     report: LinkReport = quantity(PURE, "statistics since the line was opened", nested=LinkReport)
@@ -209,17 +209,12 @@ class TouchRow:
     sd_um: float = um("standard deviation of one touch")
     drift_um: float = um("drift between repeated readings")
     speed_um_s: float = quantity("um/s", "approach speed", column="speed")
-    accepted: bool = quantity(
-        PURE,
-        "1 when the reading was used, 0 when another one counts instead",
-        dtype="u1",
-        default=True,
-    )
+    accepted: bool = flag("1 when the reading was used, 0 when another one counts instead", default=True)
 
 
 @dataclass(frozen=True, slots=True)
 class RejectedTouch:
-    """Marks the reading of that time as one that is not used, because of what was touched after it."""
+    """Marks the reading of that time as one that is not used, because of later touches."""
 
     time_s: float
 
@@ -246,11 +241,11 @@ Row: TypeAlias = (
     | TruthMap
     | Summary
 )
-"""What a run file takes. A TelemetryBlock is the black box: what the controller kept from before a fault."""
+"""Rows of a run file. A TelemetryBlock is the black box: samples of the controller from before a fault."""
 
 
 class Recorder(Protocol):
-    """Takes what procedures see, in order of time: into a run file, or nowhere."""
+    """Takes rows in order of time: into a run file, or nowhere."""
 
     def append(self, row: Row) -> None:
         """Append a row, or a block whose arrays are kept by reference.
@@ -268,35 +263,12 @@ class NullRecorder:
 
 
 UNIT_SUFFIXES = {
-    "um3_per_uj": "um3/uJ",
-    "um_per_v": "um/V",
-    "um_s2": "um/s2",
-    "um_s": "um/s",
-    "v_s": "V/s",
-    "v_max": "V",
-    "um": "um",
-    "mm": "mm",
-    "us": "us",
-    "ns": "ns",
-    "ms": "ms",
-    "s": "s",
-    "v": "V",
-    "a": "A",
-    "w": "W",
-    "uj": "uJ",
-    "hz": "Hz",
-    "khz": "kHz",
-    "deg": "deg",
-    "mrad": "mrad",
-    "lpm": "L/min",
-    "c": "degC",
-    "degc": "degC",
-    "ohm": "ohm",
-    "pf": "pF",
+    **{"um3_per_uj": "um3/uJ", "um_per_v": "um/V", "um_s2": "um/s2", "um_s": "um/s", "v_s": "V/s"},
+    **{unit: unit for unit in ("um", "mm", "us", "ns", "ms", "s", "deg", "mrad", "ohm")},
+    **{"v_max": "V", "v": "V", "a": "A", "w": "W", "uj": "uJ", "hz": "Hz", "khz": "kHz", "pf": "pF"},
+    **{"lpm": "L/min", "c": "degC", "degc": "degC"},
 }
 """Endings of a key, longest first, and the unit they stand for."""
-
-
 Leaf: TypeAlias = float | int | str | bool
 """One value of a profile."""
 

@@ -455,7 +455,8 @@ class BackgroundWriter:
                 self._take_rows()
             if end is not None:
                 self._closes = True
-                disk.make_lasting(self._writer.finish(*end))
+                path = self._writer.finish(*end)
+                disk.sync_if_possible(path, path.parent)
                 return
             # While it is woken all the time, the writer flushes by its own clock.
             if unflushed and not woken:
