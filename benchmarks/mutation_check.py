@@ -236,7 +236,7 @@ RECORD = (
     ),
     Mutation(
         "a torn line of the ledger stays",
-        "_mend_end",
+        "_complete_last_line",
         "os.ftruncate(descriptor, size - len(last))",
         "None",
         "record/test_logbook.py",
@@ -258,7 +258,7 @@ RECORD = (
     Mutation(
         "a check sum that does not fit is no damage",
         "verify_checksum",
-        "crc == int(found[2], 16)",
+        "_crc32(file, length) == int(seal[2], 16)",
         "True",
         "record/test_recovery.py",
     ),
@@ -272,7 +272,7 @@ RECORD = (
     Mutation(
         "the wear of a hole that was taken up counts twice",
         "_take_site",
-        "account.lost_before_um -= _known(old.wear_um)",
+        "account.lost_before_um -= math.fsum(_known(hole.wear_um) for hole in earlier if hole not in account.since)",
         "pass",
         "record/test_logbook.py cli/test_resume.py",
     ),

@@ -39,7 +39,7 @@ ALLOWED = {
     "link/compatibility.py: own_schema": "a file of the package",
     "link/serial_line.py: open_port": "a serial port",
     "process/erosion.py: materials": "a file of the package",
-    "record/recovery.py: _opened": OPENED,
+    "record/recovery.py: _recover_damaged_here": OPENED,
     "record/delimited.py: _plain_numbers": "lines of a text",
     "record/opening.py: open_hdf5": OPENED,
     "record/opening.py: open_swmr": OPENED,
