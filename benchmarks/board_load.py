@@ -29,7 +29,7 @@ from tests.firmware.board_twin import WatchedBench, board
 from tests.firmware.cuts import OFFSET_UM, cut_on
 
 if TYPE_CHECKING:
-    from edmctl.board.image_formats import Elf
+    from edmctl.board.image import Elf
 
 FLASH_MOST, RAM_MOST = 96 * 1024, 220 * 1024
 SPEED_LEAST = 8.0
@@ -63,9 +63,11 @@ def loaded(compiled_by: str, seconds: float, most_percent: float) -> bool:
 
 def fits(compiled_by: str, elf: Elf) -> bool:
     """Tell the memory of an image by section; whether it is within its bars."""
-    sections = {s.name: s.size for s in elf.sections if s.is_allocated and s.size}
+    sections = {s.name: s.size_bytes for s in elf.sections if s.is_allocated and s.size_bytes}
     flash = elf.symbols["image_size"][0]
-    ram = sum(s.size for s in elf.sections if s.is_allocated and not 0x08000000 <= s.address < 0x10000000)
+    ram = sum(
+        s.size_bytes for s in elf.sections if s.is_allocated and not 0x08000000 <= s.address < 0x10000000
+    )
     told = ", ".join(f"{name} {size}" for name, size in sections.items())
     print(f"{compiled_by}: flash {flash} bytes, RAM {ram} bytes ({told})")
     return flash <= FLASH_MOST and ram <= RAM_MOST

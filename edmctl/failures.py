@@ -477,22 +477,6 @@ def answer_unusable(*, problem: object) -> UsageError:
     )
 
 
-def acts_without_served_machine(*, selector: object) -> UsageError:
-    return UsageError(
-        f"--acts is about a served virtual machine, and {selector} is one in this process.",
-        hint="Leave it out: hands and eyes are this program's there.",
-        code="E2066",
-    )
-
-
-def acts_with_real_machine() -> UsageError:
-    return UsageError(
-        "--acts is about a virtual machine, and a real one answers.",
-        hint="Leave it out: people act at a real machine.",
-        code="E2066",
-    )
-
-
 def yes_with_real_machine(*, selector: object) -> UsageError:
     return UsageError(
         f"--yes allows dangerous steps unseen, and {selector} is not a virtual machine in this process.",
@@ -519,10 +503,6 @@ def no_terminal() -> UsageError:
 
 def terminal_closed() -> UsageError:
     return UsageError("The terminal was closed.", hint="Run first-start again.", code="E2068")
-
-
-def acts_file_unusable(*, acts: object, reason: object) -> UsageError:
-    return UsageError(f"--acts {acts} cannot be used: {reason}.", hint="Name another file.", code="E2069")
 
 
 def figure_kind_unknown(*, name: object, meant: object, names: object) -> UsageError:
@@ -2132,12 +2112,48 @@ def clock_wrong() -> PreconditionError:
     )
 
 
-def flash_tool_missing(*, problem: object, remedy: object) -> PreconditionError:
-    return PreconditionError(f"{problem}", hint=f"{remedy}", code="E8120")
+def flash_tool_missing(*, missing: object, tool: object, install: object) -> PreconditionError:
+    return PreconditionError(
+        f"Not installed: {missing}.",
+        hint=f"Install {tool}: {install}; without --tool any installed one is used.",
+        code="E8120",
+    )
 
 
-def probe_not_found(*, problem: object, remedy: object) -> PreconditionError:
-    return PreconditionError(f"{problem}", hint=f"{remedy}", code="E8121")
+def probe_not_found(*, tool: object) -> PreconditionError:
+    return PreconditionError(
+        f"{tool} finds no board.", hint="Plug in the USB cable of the ST-LINK.", code="E8121"
+    )
+
+
+def probe_access_denied(*, tool: object) -> PreconditionError:
+    return PreconditionError(
+        f"{tool} may not open the board's USB port.",
+        hint="Install the udev rules of the tool; on Linux its package brings them.",
+        code="E8121",
+    )
+
+
+def several_probes(*, tool: object) -> PreconditionError:
+    return PreconditionError(
+        f"{tool} finds several boards.", hint="Unplug the others, or name one with --probe ID.", code="E8121"
+    )
+
+
+def probe_of_another_board(*, port: object, serial: object, probe: object) -> PreconditionError:
+    return PreconditionError(
+        f"{port} belongs to the ST-LINK {serial}, and --probe names {probe}: another board.",
+        hint="Leave --probe out, or name the port of that board.",
+        code="E8121",
+    )
+
+
+def chip_not_found(*, tool: object) -> PreconditionError:
+    return PreconditionError(
+        f"{tool} finds the ST-LINK, and no chip behind it.",
+        hint="Check the supply of the board and its jumpers (on a NUCLEO: both of CN4 closed).",
+        code="E8121",
+    )
 
 
 def image_for_unknown_board(*, facts: object, board: object) -> PreconditionError:
@@ -2182,11 +2198,9 @@ def high_voltage_on(*, remedy: object) -> PreconditionError:
     )
 
 
-def chip_unknown(*, tool: object, told: object) -> PreconditionError:
+def chip_unknown(*, tool: object, output: object) -> PreconditionError:
     return PreconditionError(
-        f"{tool} does not say which chip is there:\n{told}",
-        hint="Name another tool with --tool.",
-        code="E8125",
+        f"{tool} does not report the chip:\n{output}", hint="Name another tool with --tool.", code="E8125"
     )
 
 
@@ -2194,9 +2208,9 @@ def flash_tool_unusable(*, name: object, what: object) -> PreconditionError:
     return PreconditionError(f"{name} {what}.", hint="Name another one with --tool.", code="E8125")
 
 
-def flash_tool_failed(*, name: object, status: object, command: object, told: object) -> PreconditionError:
+def flash_tool_failed(*, name: object, status: object, command: object, output: object) -> PreconditionError:
     return PreconditionError(
-        f"{name} ended with {status}: `{command}`\n{told}",
+        f"{name} ended with {status}: `{command}`\n{output}",
         hint="The flash may be half written: flash it again, or name another tool with --tool.",
         code="E8125",
     )

@@ -16,7 +16,7 @@ from edmctl.simulator.endpoints import PtyEndpoint
 from edmctl.simulator.serve import Server
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from edmctl.simulator import VirtualBench
     from edmctl.simulator.endpoints import Endpoint
@@ -26,12 +26,11 @@ if TYPE_CHECKING:
 def serving(
     bench: VirtualBench,
     speed: float | None = None,
-    acts: Callable[[], None] = lambda: None,
     endpoint: Endpoint | None = None,
 ) -> Iterator[str]:
     """Serve `bench` in a thread while the block runs, by default on a pty with a driven clock; yields its name."""
     endpoint, over = endpoint or PtyEndpoint(), threading.Event()
-    server = Server(bench, endpoint, speed, acts=acts)
+    server = Server(bench, endpoint, speed)
     thread = threading.Thread(target=server.run, args=(over.is_set,), name="server")
     thread.start()
     try:

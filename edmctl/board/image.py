@@ -1,33 +1,139 @@
-"""Images of a board's firmware: the record that says what one is, and whether it is whole.
+"""Images of a board's firmware, in ELF (32 bits, little endian) or as bytes: what one is, whether it is whole.
 
-Every image holds `edm_image`. Size and check are filled in when it is built: the CRC-32 is that of all bytes of the
-image, with the four of the check itself as zeros.
+Every image contains the record `edm_image`. Size and check are filled in when it is built: the CRC-32 is that of all
+bytes of the image, with the four of the check itself as zeros.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from edmctl import failures
-from edmctl.board.image_formats import Elf, ForeignElf, parse_hex
-from edmctl.board.results import ImageFacts, Section
-from edmctl.board.settings import told_settings
+from edmctl.board.settings import settings_in
 from edmctl.core.boards import Board, board_name, board_of
 from edmctl.dataclasses import dataclass
-from edmctl.errors import RecordError
 from edmctl.files import read_bytes
+from edmctl.link.messages import SCHEMA_HASH
+from edmctl.wording import dotted
 
 SYMBOL = "edm_image"
 MAGIC = b"EDMI"
 MOST_BYTES = 16_000_000
-"""Of a file; an ELF with all that a debugger asks for has less than 2 MB."""
+"""Of a file; an ELF with all debugging information has less than 2 MB."""
 _RECORD = struct.Struct("<4sBBHIBBBxII")
 _CHECK = struct.Struct("<I")
 _CHECK_AT = _RECORD.size - _CHECK.size
 _SIZE_AT = _CHECK_AT - _CHECK.size
+
+_HEADER = struct.Struct("<16sHHIIIIIHHHHHH")
+_SECTION, _SEGMENT, _SYMBOL = struct.Struct("<10I"), struct.Struct("<8I"), struct.Struct("<IIIBBH")
+_ARM_ELF = b"\x7fELF\x01\x01"
+"""Beginning of an ELF of 32 bits, little endian."""
+_ARM, _SYMTAB, _NOBITS, _ALLOCATED, _LOADED = 40, 2, 8, 2, 1
+_ERASED = b"\xff"
+_FARTHEST = 1 << 26
+_CUT_OFF = "it is cut off, or its tables point beyond its end"
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A section of an ELF; `load_address` is that of its initial values, else its own address."""
+
+    name: str
+    address: int
+    load_address: int
+    size_bytes: int
+    is_allocated: bool
+    has_bytes: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """Bytes of the file that are loaded to an address."""
+
+    offset: int
+    load_address: int
+    size: int
+
+
+class ForeignElf(ValueError):
+    """An ELF of another kind of machine."""
+
+
+class Elf:
+    """An ELF in memory; symbols have address and size. Raises ValueError if damaged, ForeignElf if not for ARM."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        try:
+            fields = _HEADER.unpack_from(data)
+            if not fields[0].startswith(_ARM_ELF) or fields[2] != _ARM:
+                raise ForeignElf("it is not a program for a 32-bit ARM")
+            self.entry = fields[4]
+            self._read(*fields[5:7], *fields[9:14])
+        except (struct.error, IndexError, UnicodeDecodeError) as error:
+            raise ValueError(_CUT_OFF) from error
+
+    def _read(
+        self,
+        segments_at: int,
+        sections_at: int,
+        segment_size: int,
+        segments: int,
+        section_size: int,
+        *rest: int,
+    ) -> None:
+        sections, names = rest
+        programs = [_SEGMENT.unpack_from(self.data, segments_at + n * segment_size) for n in range(segments)]
+        self.segments = [Segment(p[1], p[3], p[4]) for p in programs if p[0] == _LOADED and p[4]]
+        if any(s.offset + s.size > len(self.data) for s in self.segments):
+            raise ValueError(_CUT_OFF)
+        headers = [_SECTION.unpack_from(self.data, sections_at + n * section_size) for n in range(sections)]
+        self.sections: list[Section] = []
+        self.symbols: dict[str, tuple[int, int]] = {}
+        for name, kind, flags, address, offset, size, link, *_ in headers:
+            load_address = address
+            for segment in self.segments:
+                if kind != _NOBITS and 0 <= offset - segment.offset < segment.size:
+                    load_address = segment.load_address + offset - segment.offset
+            text = self._text(headers[names][4] + name)
+            is_allocated = bool(flags & _ALLOCATED)
+            self.sections.append(Section(text, address, load_address, size, is_allocated, kind != _NOBITS))
+            for at in range(offset, offset + size, _SYMBOL.size) if kind == _SYMTAB else ():
+                label, symbol_address, symbol_size, *_ = _SYMBOL.unpack_from(self.data, at)
+                if label:
+                    self.symbols[self._text(headers[link][4] + label)] = symbol_address, symbol_size
+
+    def _text(self, at: int) -> str:
+        end = self.data.find(b"\0", at)
+        if end < 0:
+            raise ValueError(_CUT_OFF)
+        return self.data[at:end].decode()
+
+    def image(self) -> tuple[int, bytes]:
+        """Return the lowest load address, and all bytes loaded from there on, with gaps as erased flash."""
+        if not self.segments:
+            raise ValueError("nothing of it is loaded")
+        base = min(s.load_address for s in self.segments)
+        end = max(s.load_address + s.size for s in self.segments)
+        if end - base > _FARTHEST:
+            raise ValueError("its parts are loaded too far apart")
+        image = bytearray(_ERASED * (end - base))
+        for s in self.segments:
+            at = s.load_address - base
+            image[at : at + s.size] = self.data[s.offset : s.offset + s.size]
+        return base, bytes(image)
+
+    def offset_of(self, load_address: int) -> int:
+        """Return where in the file the byte of a load address is."""
+        for s in self.segments:
+            if 0 <= load_address - s.load_address < s.size:
+                return s.offset + load_address - s.load_address
+        raise ValueError(f"nothing of it is loaded to {hexadecimal(load_address)}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,12 +144,12 @@ class Record:
     board: int
     schema_hash: int
     firmware: tuple[int, int, int]
-    size: int
+    size_bytes: int
     crc32: int
 
     @classmethod
     def read(cls, data: bytes, at: int) -> Record:
-        """Return the record at an offset. Raises struct.error, ValueError for none."""
+        """Return the record at an offset. Raises struct.error, ValueError."""
         magic, proto_major, proto_minor, board, schema, major, minor, patch, size, check = (
             _RECORD.unpack_from(data, at)
         )
@@ -54,58 +160,111 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class Image:
-    """An image that is whole: what it is, the board that it is for, and its bytes as they stand in the flash."""
+    """An image that is whole.
 
-    facts: ImageFacts
+    board : None for one that this program does not know. data : the bytes as they are in the flash.
+    sections : those that take memory, of an ELF; other files have none. settings : of the machine's owner, by their
+    names in the sources, as far as they differ from the sources.
+    """
+
+    path: Path
+    kind: str
+    record: Record
     board: Board | None
-    address: int
     data: bytes
+    sections: tuple[Section, ...]
+    settings: Mapping[str, float]
+
+    @property
+    def board_name(self) -> str:
+        return board_name(self.record.board)
+
+    @property
+    def has_same_schema(self) -> bool:
+        """Whether it has the schema of this program."""
+        return self.record.schema_hash == SCHEMA_HASH
+
+    def memories_of(self, section: Section) -> list[str]:
+        """Return the memories that a section takes: initial values take flash too."""
+        places = (section.address, section.load_address)
+        return list(
+            dict.fromkeys((self.board and self.board.memory_of(place)) or "elsewhere" for place in places)
+        )
+
+    def used_bytes(self) -> dict[str, int]:
+        """Return the bytes of each memory that sections take."""
+        used: dict[str, int] = {}
+        for section in self.sections:
+            for memory in self.memories_of(section):
+                used[memory] = used.get(memory, 0) + section.size_bytes
+        return used
+
+    def as_mapping(self) -> dict[str, Any]:
+        return {
+            "file": str(self.path),
+            "kind": self.kind,
+            "board": self.record.board,
+            "board_name": self.board_name,
+            "protocol": dotted(self.record.protocol),
+            "firmware": dotted(self.record.firmware),
+            "schema": hexadecimal(self.record.schema_hash),
+            "has_same_schema": self.has_same_schema,
+            "size_bytes": self.record.size_bytes,
+            "crc32": hexadecimal(self.record.crc32),
+            "settings": self.settings,
+            "used_bytes": self.used_bytes(),
+            "sections": [
+                {
+                    "name": s.name,
+                    "address": hexadecimal(s.address),
+                    "size_bytes": s.size_bytes,
+                    "memories": self.memories_of(s),
+                }
+                for s in self.sections
+            ],
+        }
 
 
-def read_image(path: Path, schema_hash: int) -> Image:
-    """Read an image from an ELF, HEX or BIN; `schema_hash` is that of this program.
+def hexadecimal(number: int) -> str:
+    return f"0x{number:08X}"
 
-    Raises RecordError: E3680 for what cannot be read, E3681 for no image of this firmware, E3682 for a damaged one.
+
+def read_image(path: Path) -> Image:
+    """Read an image from an ELF or BIN.
+
+    Raises RecordError: E3680 if it cannot be read, E3681 for no image of this firmware, E3682 for a damaged one.
     """
     try:
         content = read_bytes(path, MOST_BYTES)
     except OSError as error:
         raise failures.image_unreadable(path=path, reason=error.strerror) from error
-    elf: Elf | None = None
+    sections: list[Section] = []
+    address: int | None = None
+    data = content
     try:
         if content.startswith(b"\x7fELF"):
-            kind, elf = "ELF", Elf(content)
+            elf = Elf(content)
+            sections = [section for section in elf.sections if section.is_allocated and section.size_bytes]
             address, data = elf.image()
-        elif content.startswith(b":"):
-            kind, (address, data) = "HEX", parse_hex(content.decode("ascii"))
-        else:
-            kind, address, data = "BIN", 0, content
+        record = _find_record(data)
     except ForeignElf as error:
-        raise _no_image(path, str(error)) from error
-    except UnicodeDecodeError as error:
-        raise _damaged(path, "it begins as Intel HEX and goes on as something else") from error
+        raise failures.not_an_image(path=path, reason=error) from error
     except ValueError as error:
-        raise _damaged(path, str(error)) from error
-    record = _record(path, data)
+        raise failures.image_damaged(path=path, reason=error) from error
+    if record is None:
+        raise failures.not_an_image(path=path, reason="it contains no record of one")
     board = board_of(record.board)
-    if board is not None:
-        _check_place(path, board, kind, address, data)
-        address = board.flash.address
-    facts = ImageFacts(
-        path=str(path),
-        kind=kind,
-        board=record.board,
-        board_name=board_name(record.board),
-        protocol=record.protocol,
-        firmware=record.firmware,
-        schema_hash=record.schema_hash,
-        size_bytes=record.size,
-        crc32=record.crc32,
-        sections=_sections(elf, board) if elf is not None and board is not None else (),
-        has_same_schema=record.schema_hash == schema_hash,
-        settings=told_settings(data[: record.size]),
-    )
-    return Image(facts, board, address, data[: record.size])
+    if board is not None and address not in (None, board.flash.address):
+        reason = (
+            f"it is loaded to {hexadecimal(address or 0)}, the flash is at {hexadecimal(board.flash.address)}"
+        )
+        raise failures.image_damaged(path=path, reason=reason)
+    if board is not None and len(data) > board.flash.size_bytes:
+        reason = f"its {len(data)} bytes are more than the flash of the board has"
+        raise failures.image_damaged(path=path, reason=reason)
+    data = data[: record.size_bytes]
+    kind = "BIN" if address is None else "ELF"
+    return Image(path, kind, record, board, data, tuple(sections), settings_in(data))
 
 
 def seal(elf_data: bytes) -> bytes:
@@ -125,23 +284,22 @@ def seal(elf_data: bytes) -> bytes:
     return bytes(sealed)
 
 
-def _record(path: Path, data: bytes) -> Record:
-    """Return the record in an image; size and check distinguish it from other bytes."""
+def _find_record(data: bytes) -> Record | None:
+    """Return the record of an image, which size and check distinguish from other bytes; None without one.
+
+    Raises ValueError if there are records, and none fits.
+    """
     reason = ""
     for at, record in _records(data):
-        if not at + _RECORD.size <= record.size <= len(data):
-            reason = reason or f"its record speaks of {record.size} bytes, and {len(data)} are there"
-        elif (found := _crc32(data[: record.size], at)) != record.crc32:
-            reason = f"its check is 0x{record.crc32:08X}, that of its bytes 0x{found:08X}"
+        if not at + _RECORD.size <= record.size_bytes <= len(data):
+            reason = reason or f"its record has {record.size_bytes} bytes, the file {len(data)}"
+        elif (check := _crc32(data[: record.size_bytes], at)) != record.crc32:
+            reason = f"its check is {hexadecimal(record.crc32)}, that of its bytes {hexadecimal(check)}"
         else:
             return record
     if reason:
-        raise _damaged(path, reason)
-    raise _no_image(path, "it holds no record of one")
-
-
-def _no_image(path: Path, reason: str) -> RecordError:
-    return failures.not_an_image(path=path, reason=reason)
+        raise ValueError(reason)
+    return None
 
 
 def _records(data: bytes) -> Iterator[tuple[int, Record]]:
@@ -154,29 +312,5 @@ def _records(data: bytes) -> Iterator[tuple[int, Record]]:
 
 def _crc32(data: bytes | bytearray, record_at: int) -> int:
     check_at = record_at + _CHECK_AT
-    begun = zlib.crc32(bytes(_CHECK.size), zlib.crc32(data[:check_at]))
-    return zlib.crc32(data[check_at + _CHECK.size :], begun)
-
-
-def _check_place(path: Path, board: Board, kind: str, address: int, data: bytes) -> None:
-    if kind != "BIN" and address != board.flash.address:
-        raise _damaged(
-            path, f"it begins at 0x{address:08X}, the flash of the board at 0x{board.flash.address:08X}"
-        )
-    if len(data) > board.flash.size_bytes:
-        raise _damaged(path, f"its {len(data)} bytes are more than the flash of the board has")
-
-
-def _damaged(path: Path, reason: str) -> RecordError:
-    return failures.image_damaged(path=path, reason=reason)
-
-
-def _sections(elf: Elf, board: Board) -> tuple[Section, ...]:
-    """Return the sections that take memory; initial values take flash too."""
-    found = []
-    for section in elf.sections:
-        if section.is_allocated and section.size:
-            places = (section.address, elf.load_address_of(section))
-            memories = tuple(dict.fromkeys(board.memory_of(place) or "elsewhere" for place in places))
-            found.append(Section(section.name, section.address, section.size, memories))
-    return tuple(found)
+    crc = zlib.crc32(bytes(_CHECK.size), zlib.crc32(data[:check_at]))
+    return zlib.crc32(data[check_at + _CHECK.size :], crc)

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass
-from edmctl.errors import UsageError
 from edmctl.wording import did_you_mean
 
 SOURCES: dict[str, tuple[str, ...]] = {
@@ -17,22 +16,21 @@ SOURCES: dict[str, tuple[str, ...]] = {
     "core/limits.h": ("EDM_OFF_NS_MIN", "EDM_OPEN_V_MAX", "EDM_CURRENT_A_MAX"),
     "board/stm32f4/board.h": ("EDM_BAUD",),
 }
-"""Files of the firmware's sources, and which of their names are the owner's; none stands for all."""
-TOLD = "EDM_SETTINGS"
-"""Name under which the image is told what was set."""
+"""Files of the firmware's sources, and which of their names are settings; an empty tuple: all."""
+DEFINE = "EDM_SETTINGS"
+"""Name of the chosen settings as one text for the compiler; in the image it follows MAGIC and ends with 0."""
 MAGIC = b"EDMS"
-"""The image has it before that text, which ends with a zero."""
 _DEFAULT = re.compile(r"^#ifndef (EDM_\w+)\n#define \1 (R\()?(-?\d+(?:\.\d+)?)\b", re.MULTILINE)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-_TOLD = re.compile(r"(EDM_[A-Z0-9_]+)=([^ ]+)", re.ASCII)
+_PAIR = re.compile(rf"(EDM_[A-Z0-9_]+)=({_NUMBER.pattern})", re.ASCII)
 _RANGES = {
     "EDM_BAUD": (9600, 2_000_000),
     "EDM_MOST_STEPS_PER_MS": (1, 140),
     "EDM_OFF_NS_MIN": (10_000, 1_000_000),
 }
-"""Of whole numbers: what the line's ring, the timers of the stages and those who look for pulses do."""
+"""Of whole numbers: limits of the line's ring, of the timers of the stages and of the pulse counting."""
 _LEAST, _MOST = 1e-6, 1e6
-"""Of the others; a `float` of the board tells all of them apart from 0."""
+"""Of the others; a `float` of the board distinguishes all of them from 0."""
 _ORDERED = (
     ("EDM_OPEN_V_MAX", "EDM_GAP_FULL_V"),
     ("EDM_OPEN_V_MAX", "EDM_OPEN_FULL_V"),
@@ -42,7 +40,7 @@ _ORDERED = (
     ("EDM_MONITOR_LEAST_V", "EDM_MONITOR_MOST_V"),
     ("EDM_SENSOR_LEAST_UM", "EDM_SENSOR_MOST_UM"),
 )
-_ENDS = {"EDM_MONITOR_LEAST_V": (-0.5, True), "EDM_MONITOR_MOST_V": (151.0, False)}
+_MONITOR_V = (-0.5, 151.0)
 """The actuator's 0 to 150 V, and as much beyond as its guards have to see."""
 _ANY_SIGN = ("_LEAST_", "_MOST_V", "_MOST_UM", "_PARKED_")
 _HINT = "`docs/build-the-machine.md` lists them under Settings of the owner."
@@ -50,7 +48,7 @@ _HINT = "`docs/build-the-machine.md` lists them under Settings of the owner."
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A setting: its name in the sources, the value there, and whether it is a whole number."""
+    """A setting by its name in the sources, with its value there."""
 
     name: str
     value: float
@@ -60,14 +58,14 @@ class Setting:
 
 def settings_of(folder: Path) -> dict[str, Setting]:
     """Return every setting of the sources in a folder by its name, in their order."""
-    found = {}
+    settings = {}
     for source, names in SOURCES.items():
         file = folder / source
         text = file.read_text(encoding="utf-8") if file.is_file() else ""
         for name, real, value in _DEFAULT.findall(text):
             if not names or name in names:
-                found[name] = Setting(name, float(value), not real, source)
-    return found
+                settings[name] = Setting(name, float(value), not real, source)
+    return settings
 
 
 def parse_settings(texts: Sequence[str], known: Mapping[str, Setting]) -> dict[str, float]:
@@ -77,73 +75,74 @@ def parse_settings(texts: Sequence[str], known: Mapping[str, Setting]) -> dict[s
     """
     chosen: dict[str, float] = {}
     for text in texts:
-        given, found, number = text.partition("=")
+        given, _, number = text.partition("=")
         name = "EDM_" + given.strip().upper().removeprefix("EDM_")
         if name not in known:
-            meant = did_you_mean(name, known)
-            raise _refused(f"{given.strip() or text} is no setting of the image.", f"{meant}{_HINT}")
-        value = float(number) if _NUMBER.fullmatch(number.strip()) else math.nan
-        if not found or not math.isfinite(value):
-            raise _refused(
-                f"{text} gives {name} no number.", f"Say {name}={known[name].value:g} or another one."
+            raise failures.image_setting_wrong(
+                problem=f"{given.strip() or text} is not a setting of the image.",
+                remedy=f"{did_you_mean(name, known)}{_HINT}",
             )
-        _check_range(known[name], value, number)
+        value = float(number) if _NUMBER.fullmatch(number.strip()) else math.nan
+        if not math.isfinite(value):
+            raise failures.image_setting_wrong(
+                problem=f"{text} is not a number for {name}.",
+                remedy=f"Use {name}={known[name].value:g} or another number.",
+            )
+        if problem := _range_problem(known[name], value):
+            raise failures.image_setting_wrong(problem=f"{text}: {name} {problem}.", remedy=_HINT)
         chosen[name] = value
-    _check_together({name: chosen.get(name, setting.value) for name, setting in known.items()})
+    value_of = {name: chosen.get(name, setting.value) for name, setting in known.items()}
+    for low, high in _ORDERED:
+        if low in value_of and high in value_of and not value_of[low] < value_of[high]:
+            raise failures.image_setting_wrong(
+                problem=f"{low}, {value_of[low]:g}, is not below {high}, {value_of[high]:g}.",
+                remedy="Set both: a reading at the end of its range is not valid.",
+            )
+    least_v = value_of.get("EDM_MONITOR_LEAST_V", _MONITOR_V[0])
+    most_v = value_of.get("EDM_MONITOR_MOST_V", _MONITOR_V[1])
+    if least_v > _MONITOR_V[0] or most_v < _MONITOR_V[1]:
+        raise failures.image_setting_wrong(
+            problem=f"The monitor's range, {least_v:g} to {most_v:g} V, has to include {_MONITOR_V[0]:g} to "
+            f"{_MONITOR_V[1]:g} V.",
+            remedy="The monitor shows 0 to 150 V.",
+        )
     return chosen
 
 
-def _check_together(value: Mapping[str, float]) -> None:
-    for low, high in _ORDERED:
-        if low in value and high in value and not value[low] < value[high]:
-            raise _refused(
-                f"{low}, {value[low]:g}, is not below {high}, {value[high]:g}.",
-                "Set both: the end of a range is no reading of it.",
-            )
-    for name, (needed, is_least) in _ENDS.items():
-        if name in value and (value[name] > needed if is_least else value[name] < needed):
-            word = "above" if is_least else "below"
-            raise _refused(
-                f"{name}, {value[name]:g}, is {word} {needed:g} V.", "The monitor shows 0 to 150 V."
-            )
-
-
-def _check_range(setting: Setting, value: float, text: str) -> None:
-    name = setting.name
+def _range_problem(setting: Setting, value: float) -> str:
     if setting.is_whole:
-        low, high = _RANGES.get(name, (1, 1_000_000))
-        if value != int(value) or not low <= value <= high:
-            raise _refused(f"{name} is a whole number from {low} to {high}, and {text} is none.", _HINT)
-    elif value <= 0.0 and not any(part in name for part in _ANY_SIGN):
-        raise _refused(f"{name} has to be above 0, and {text} is not.", _HINT)
-    elif value and not _LEAST <= abs(value) <= _MOST:
-        raise _refused(f"{name} lies between {_LEAST:g} and {_MOST:g}, and {text} does not.", _HINT)
+        low, high = _RANGES.get(setting.name, (1, 1_000_000))
+        is_right = value == int(value) and low <= value <= high
+        return "" if is_right else f"has to be a whole number from {low} to {high}"
+    if value <= 0.0 and not any(part in setting.name for part in _ANY_SIGN):
+        return "has to be above 0"
+    if value and not _LEAST <= abs(value) <= _MOST:
+        return f"has to be between {_LEAST:g} and {_MOST:g}"
+    return ""
 
 
 def flags_of(chosen: Mapping[str, float], known: Mapping[str, Setting]) -> list[str]:
-    """Return the words of a compiler's command that set them, and let the image tell."""
+    """Return the arguments of a compiler that set them, and make the image state them."""
     if not chosen:
         return []
-    values = {
-        name: str(int(value)) if known[name].is_whole else repr(value) for name, value in chosen.items()
-    }
-    flags = [f"-D{name}={value if known[name].is_whole else f'R({value})'}" for name, value in values.items()]
-    told = " ".join(f"{name}={value}" for name, value in values.items())
-    return [*flags, f'-D{TOLD}="{told}"']
+    texts = {name: str(int(v)) if known[name].is_whole else repr(v) for name, v in chosen.items()}
+    flags = [f"-D{name}={text if known[name].is_whole else f'R({text})'}" for name, text in texts.items()]
+    stated = " ".join(f"{name}={text}" for name, text in texts.items())
+    return [*flags, f'-D{DEFINE}="{stated}"']
 
 
-def told_settings(image: bytes) -> dict[str, float]:
-    """Return what an image says that was set in it, {} for nothing."""
+def settings_in(image: bytes) -> dict[str, float]:
+    """Return the settings that an image states; empty for those of the sources."""
     at = image.find(MAGIC)
     while at >= 0:
         end = image.find(b"\0", at)
-        words = image[at + len(MAGIC) : max(end, at)].decode("latin-1").split()
-        told = [_TOLD.fullmatch(word) for word in words]
-        if words and all(one and _NUMBER.fullmatch(one[2]) for one in told):
-            return {one[1]: float(one[2]) for one in told if one}
+        parts = image[at + len(MAGIC) : max(end, at)].decode("latin-1").split()
+        pairs = [pair for part in parts if (pair := _PAIR.fullmatch(part))]
+        if parts and len(pairs) == len(parts):
+            return {pair[1]: float(pair[2]) for pair in pairs}
         at = image.find(MAGIC, at + 1)
     return {}
 
 
-def _refused(message: str, hint: str) -> UsageError:
-    return failures.image_setting_wrong(problem=message, remedy=hint)
+def settings_text(settings: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {value:.9g}" for name, value in settings.items()) or "as in the sources"

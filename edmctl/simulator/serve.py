@@ -11,15 +11,13 @@ from __future__ import annotations
 import re
 import select
 from collections.abc import Callable
-from pathlib import Path
 from time import monotonic
 
 from edmctl.dataclasses import dataclass
-from edmctl.files import open_regular
 from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.endpoints import Endpoint
-from edmctl.simulator.injection import LineDamage, parse_injection
+from edmctl.simulator.injection import LineDamage
 from edmctl.simulator.plant_interface import TICK_S
 
 SLICE_S = 0.004
@@ -61,7 +59,6 @@ class Server:
     speed : controller seconds per second, None for a driven clock
     each_turn : called after every turn of the loop, a few milliseconds apart
     say : told once when the computer is too slow for the speed
-    acts : called before what has come from a client is carried out
     """
 
     def __init__(
@@ -71,10 +68,9 @@ class Server:
         speed: float | None = 1.0,
         each_turn: Callable[[], None] = lambda: None,
         say: Callable[[str], None] = lambda _: None,
-        acts: Callable[[], None] = lambda: None,
     ) -> None:
         self._bench = bench
-        self._each_turn, self._say, self._acts = each_turn, say, acts
+        self._each_turn, self._say = each_turn, say
         self._in_frame = self._is_late = False
         self._controller = bench.controller
         self._line = bench.line
@@ -99,7 +95,6 @@ class Server:
         """Look at the line, let time pass, execute what came, send what there is to send."""
         self._wait()
         data = self._endpoint.receive()
-        self._acts()
         if self._speed is not None:
             # Bytes that piled up while nobody looked must not pass for a host that was watched all the time.
             self._look_after_stall()
@@ -196,43 +191,6 @@ class Server:
             self.traffic.frames_out += frames
         else:
             self.traffic.dropped_frames += frames
-
-
-class ActsFile:
-    """Carries out on a bench what others append to a file, a line each; errors go to `say`.
-
-    `+NAME` or `+NAME@WHEN` is an injection, `-NAME` repairs it. Lines that were there before do not count. The
-    file is made if there is none. Raises OSError.
-    """
-
-    def __init__(self, path: Path, bench: VirtualBench, say: Callable[[str], None]) -> None:
-        path.touch()
-        self._path, self._bench, self._say = path, bench, say
-        self._at = path.stat().st_size
-
-    def __call__(self) -> None:
-        """Look at the file, and do what is new in it, whole lines alone."""
-        if self._path.stat().st_size <= self._at:
-            return
-        with open_regular(self._path) as acts:
-            acts.seek(self._at)
-            new = acts.read()
-        whole = new[: new.rfind(b"\n") + 1]
-        self._at += len(whole)
-        for line in whole.decode("ascii", errors="replace").split():
-            self._do(line)
-
-    def _do(self, line: str) -> None:
-        name = line[1:]
-        try:
-            if line[0] == "-":
-                self._bench.controller.injector.mend(name)
-            elif line[0] == "+":
-                self._bench.inject(parse_injection(name if "@" in name else f"{name}@0"))
-            else:
-                raise ValueError(f"{line!r} begins with neither + nor -")
-        except ValueError as wrong:
-            self._say(f"acts: {wrong}")
 
 
 class EventMonitor:

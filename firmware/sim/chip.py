@@ -51,7 +51,7 @@ from .calling import call
 from .compiling import compiled
 
 if TYPE_CHECKING:
-    from edmctl.board.image_formats import Elf
+    from edmctl.board.image import Elf
 
 FLASH_AT, FLASH_BYTES = 0x08000000, 0x200000
 SYSTEM_MEMORY_AT, SYSTEM_MEMORY_BYTES = 0x1FFF7000, 0x1000

@@ -37,7 +37,7 @@ from .loop import BITTEN_BY_IWDG, BITTEN_BY_WWDG, CHANGED, FAILED, LOOK, Watch, 
 from .pins import generator_of
 
 if TYPE_CHECKING:
-    from edmctl.board.image_formats import Elf
+    from edmctl.board.image import Elf
     from edmctl.link.faults import FaultCode
     from edmctl.simulator.plant import Plant
 

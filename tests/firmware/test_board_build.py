@@ -70,24 +70,24 @@ def sources(tmp_path: Path) -> Path:
 
 
 def built(sources: Path, output: Path, compiler: str) -> BoardBuild:
-    return build_board(STM32F4, output, SCHEMA_HASH, compiler, sources)
+    return build_board(STM32F4, output, compiler, sources)
 
 
-def test_three_files_hold_one_image_that_knows_its_size_and_check(
+def test_both_files_hold_one_image_that_knows_its_size_and_check(
     sources: Path, tmp_path: Path, compiler: str
 ) -> None:
     made = built(sources, tmp_path / "out" / "image.bin", compiler)
-    assert [file.name for file in (made.elf, made.bin, made.hex)] == ["image.elf", "image.bin", "image.hex"]
-    images = [read_image(file, SCHEMA_HASH) for file in (made.elf, made.bin, made.hex)]
-    assert images[0].data == images[1].data == images[2].data == made.bin.read_bytes()
-    facts = images[0].facts
-    assert (facts.firmware, facts.board, facts.has_same_schema) == ((1, 2, 3), 0x0429, True)
-    assert facts.size_bytes == made.bin.stat().st_size
-    used = facts.used_bytes()
+    assert [file.name for file in (made.elf, made.bin)] == ["image.elf", "image.bin"]
+    image, binary = (read_image(file) for file in (made.elf, made.bin))
+    assert image.data == binary.data == made.bin.read_bytes()
+    record = image.record
+    assert (record.firmware, record.board, image.has_same_schema) == ((1, 2, 3), 0x0429, True)
+    assert record.size_bytes == made.bin.stat().st_size
+    used = image.used_bytes()
     assert (used["CCM"], used["RAM"]) == (3000, 420)
-    assert used["flash"] <= facts.size_bytes < used["flash"] + 16
-    initial = next(section for section in facts.sections if section.name == ".data")
-    assert (initial.memories, initial.size_bytes) == (("RAM", "flash"), 20)
+    assert used["flash"] <= record.size_bytes < used["flash"] + 16
+    initial = next(section for section in image.sections if section.name == ".data")
+    assert (image.memories_of(initial), initial.size_bytes) == (["RAM", "flash"], 20)
 
 
 def test_the_same_sources_give_the_same_image(sources: Path, tmp_path: Path, compiler: str) -> None:
@@ -127,7 +127,7 @@ def test_the_board_is_built_with_nothing_but_python(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     left = {path.name for path in tmp_path.iterdir()}
-    assert left == {"cache", "edmctl-stm32f4.elf", "edmctl-stm32f4.bin", "edmctl-stm32f4.hex"}
+    assert left == {"cache", "edmctl-stm32f4.elf", "edmctl-stm32f4.bin"}
 
 
 def test_a_missing_compiler_is_told_with_the_remedy(
@@ -171,7 +171,7 @@ def test_a_broken_zig_is_passed_over_for_gcc_and_told_where_there_is_none(
 def test_what_is_in_the_way_of_an_image_is_told(sources: Path, tmp_path: Path, compiler: str) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "there.bin").mkdir()
-    for output, told in (("file/image", "file is no folder"), ("there.elf", "there.bin is a folder")):
+    for output, told in (("file/image", "file: File exists"), ("there.elf", "there.bin: Is a directory")):
         with pytest.raises(RunFileError) as caught:
             built(sources, tmp_path / output, compiler)
         assert (caught.value.code, caught.value.exit_code) == ("E9012", 9)

@@ -8,13 +8,11 @@ import pytest
 
 from edmctl.board.board_build import build_board
 from edmctl.board.emulated import controller_class, image
-from edmctl.board.image import read_image
-from edmctl.board.image_formats import Elf
-from edmctl.board.settings import parse_settings, settings_of, told_settings
+from edmctl.board.image import Elf, read_image
+from edmctl.board.settings import parse_settings, settings_in, settings_of
 from edmctl.core.boards import STM32F4
 from edmctl.core.build import source_folder
 from edmctl.errors import UsageError
-from edmctl.link.messages import SCHEMA_HASH
 from edmctl.simulator import BenchConfig, open_bench
 from tests.needs import EMULATOR
 
@@ -73,28 +71,23 @@ def test_what_is_wrong_is_refused_with_the_remedy(text: str) -> None:
 @pytest.mark.needs("ziglang")
 def test_an_image_tells_what_was_set(tmp_path: Path) -> None:
     """And bytes that look alike are passed over."""
-    made = build_board(
-        STM32F4, tmp_path / "x.elf", SCHEMA_HASH, "zig", settings=("gap_full_a=12.5", "baud=1234567")
-    )
-    for file in (made.elf, made.bin, made.hex):
-        facts = read_image(file, SCHEMA_HASH).facts
-        assert (
-            facts.settings
-            == facts.as_mapping()["settings"]
-            == {"EDM_GAP_FULL_A": 12.5, "EDM_BAUD": 1234567.0}
-        )
-    assert told_settings(b"xEDMS" + b"\xff" * 4 + b"\0EDMS\0" + made.image.data) == facts.settings
-    assert told_settings(b"EDMSEDM_X=1\0") == {"EDM_X": 1.0}
-    assert told_settings(b"EDMSEDM_X=1") == {}  # cut off
+    made = build_board(STM32F4, tmp_path / "x.elf", "zig", settings=("gap_full_a=12.5", "baud=1234567"))
+    for file in (made.elf, made.bin):
+        image = read_image(file)
+        settings = {"EDM_GAP_FULL_A": 12.5, "EDM_BAUD": 1234567.0}
+        assert image.settings == image.as_mapping()["settings"] == settings
+    assert settings_in(b"xEDMS" + b"\xff" * 4 + b"\0EDMS\0" + made.image.data) == settings
+    assert settings_in(b"EDMSEDM_X=1\0") == {"EDM_X": 1.0}
+    assert settings_in(b"EDMSEDM_X=1") == {}  # cut off
     for text in ("EDM_X", "EDM_X=", "EDM_X=abc", "EDM_X=nan", "EDM_X=1_0", "1=2", "EDM_é=1", "EDM_X=1 y"):
-        assert told_settings(b"EDMS" + text.encode("latin-1") + b"\0") == {}
+        assert settings_in(b"EDMS" + text.encode("latin-1") + b"\0") == {}
 
 
 @EMULATOR
 def test_as_in_the_sources_nothing_is_told() -> None:
     _, data = image("zig").image()
     assert b"EDMS\0" in data
-    assert told_settings(data) == {}
+    assert settings_in(data) == {}
 
 
 @EMULATOR
@@ -102,7 +95,7 @@ def test_as_in_the_sources_nothing_is_told() -> None:
 def test_an_image_measures_by_what_was_set(tmp_path: Path) -> None:
     """The same voltage of the displacement sensor, 3.3 V meaning twice as much from another zero."""
     texts = ("sensor_least_um=0", "sensor_most_um=1000")
-    made = build_board(STM32F4, tmp_path / "x.elf", SCHEMA_HASH, "zig", settings=texts)
+    made = build_board(STM32F4, tmp_path / "x.elf", "zig", settings=texts)
     sensor_um = []
     for elf in (image("zig"), Elf(made.elf.read_bytes())):
         controller = controller_class()(open_bench(BenchConfig(), 1).plant, elf)

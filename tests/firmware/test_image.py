@@ -13,7 +13,7 @@ import pytest
 
 from edmctl.core.build import compiler, source_folder, source_version
 from edmctl.link import messages as m
-from tests.firmware.images import Elf, built, compile_command, sources
+from tests.firmware.images import BuiltElf, built, compile_command, sources
 from tests.needs import BOARD_COMPILERS
 
 if TYPE_CHECKING:
@@ -28,59 +28,57 @@ VECTORS, PVD, TIM7 = 107, 16 + 1, 16 + 55
 
 
 @pytest.fixture(scope="module", params=BOARD_COMPILERS)
-def image(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Elf:
-    return Elf(built(request.param, tmp_path_factory.mktemp(request.param)))
+def image(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> BuiltElf:
+    return BuiltElf(built(request.param, tmp_path_factory.mktemp(request.param)))
 
 
-def test_it_fits(image: Elf) -> None:
-    flash = image.bytes_in(FLASH, FLASH + FLASH_MOST, loaded=True) + image.sections[".data"].size
+def test_it_fits(image: BuiltElf) -> None:
+    flash = image.bytes_in(FLASH, FLASH + FLASH_MOST, loaded=True) + image.section(".data").size_bytes
     ram = image.bytes_in(SRAM, SRAM + 192 * KB) + image.bytes_in(CCM, CCM + 64 * KB)
     assert 30 * KB < flash <= FLASH_MOST
     assert 200 * KB < ram <= RAM_MOST
-    assert image.symbols["image_size"] <= FLASH_MOST
-    assert image.symbols["image_end"] - FLASH == image.symbols["image_size"]
+    assert image.at["image_size"] <= FLASH_MOST
+    assert image.at["image_end"] - FLASH == image.at["image_size"]
 
 
-def test_the_page_says_how_much_it_takes(image: Elf, request: pytest.FixtureRequest) -> None:
+def test_the_page_says_how_much_it_takes(image: BuiltElf, request: pytest.FixtureRequest) -> None:
     """Within 1 KiB: a change of a line in the core is no change of the page."""
     page = (Path(__file__).parents[2] / "docs" / "firmware.md").read_text(encoding="utf-8")
     said = re.search(
         r"flash ([\d.]+) KiB \(gcc\) or ([\d.]+) KiB \(zig\); SRAM ([\d.]+) KiB, CCM ([\d.]+) KiB", page
     )
     assert said is not None
-    flash = image.bytes_in(FLASH, FLASH + FLASH_MOST, loaded=True) + image.sections[".data"].size
+    flash = image.bytes_in(FLASH, FLASH + FLASH_MOST, loaded=True) + image.section(".data").size_bytes
     by_gcc = request.node.callspec.params["image"] == "gcc"
     assert flash / KB == pytest.approx(float(said[1 if by_gcc else 2]), abs=1.0)
     assert image.bytes_in(SRAM, SRAM + 192 * KB) / KB == pytest.approx(float(said[3]), abs=1.0)
     assert image.bytes_in(CCM, CCM + 64 * KB) / KB == pytest.approx(float(said[4]), abs=1.0)
 
 
-def test_the_vectors_are_at_the_begin_of_the_flash(image: Elf) -> None:
+def test_the_vectors_are_at_the_begin_of_the_flash(image: BuiltElf) -> None:
     vectors = image.words(FLASH, VECTORS)
-    assert vectors[0] == image.symbols["main_stack_top"]
+    assert vectors[0] == image.at["main_stack_top"]
     handlers = ["reset", "nmi", "hard_fault", "memory_fault", "bus_fault", "usage_fault"]
-    assert [word & ~1 for word in vectors[1:7]] == [
-        image.symbols[f"{name}_handler"] & ~1 for name in handlers
-    ]
-    assert vectors[TIM7] & ~1 == image.symbols["main_tick"] & ~1
-    assert vectors[PVD] & ~1 == image.symbols["supply_handler"] & ~1
+    assert [word & ~1 for word in vectors[1:7]] == [image.at[f"{name}_handler"] & ~1 for name in handlers]
+    assert vectors[TIM7] & ~1 == image.at["main_tick"] & ~1
+    assert vectors[PVD] & ~1 == image.at["supply_handler"] & ~1
     others = [word for i, word in enumerate(vectors) if i > 6 and i not in (PVD, TIM7)]
-    assert {word & ~1 for word in others} == {image.symbols["other_handler"] & ~1}
+    assert {word & ~1 for word in others} == {image.at["other_handler"] & ~1}
     assert all(word & 1 for word in vectors[1:])
-    assert image.entry & ~1 == image.symbols["reset_handler"] & ~1
+    assert image.entry & ~1 == image.at["reset_handler"] & ~1
 
 
-def test_stacks_and_guard(image: Elf) -> None:
+def test_stacks_and_guard(image: BuiltElf) -> None:
     """The main stack is the lowest memory there is, the guard below the main loop's at a multiple of its size."""
     names = ("main_stack_end", "main_stack_top", "guard_begin", "guard_end", "loop_stack_top")
-    assert [image.symbols[name] - SRAM for name in names] == [0, KB, KB, 2 * KB, 5 * KB]
+    assert [image.at[name] - SRAM for name in names] == [0, KB, KB, 2 * KB, 5 * KB]
 
 
-def test_memory_is_where_dma_and_resets_need_it(image: Elf) -> None:
+def test_memory_is_where_dma_and_resets_need_it(image: BuiltElf) -> None:
     """The controller in CCM, which no DMA reaches; every ring in SRAM; what outlasts a reset is not cleared."""
-    kept = image.sections[".noinit"]
-    assert not kept.loaded
-    assert image.symbols["controller"] == CCM
+    kept = image.section(".noinit")
+    assert not kept.has_bytes
+    assert image.at["controller"] == CCM
     for name in (
         "wave_ring",
         "rest_ring",
@@ -91,31 +89,31 @@ def test_memory_is_where_dma_and_resets_need_it(image: Elf) -> None:
         "rx",
         "tx",
     ):
-        assert SRAM <= image.symbols[name] < SRAM + 192 * KB
-        assert image.symbols[name] % 2 == 0 or name in ("rx", "tx")
+        assert SRAM <= image.at[name] < SRAM + 192 * KB
+        assert image.at[name] % 2 == 0 or name in ("rx", "tx")
     for name in ("wave_ring", "wave_kept", "kept_words", "crash_word"):
-        assert kept.address <= image.symbols[name] < kept.address + kept.size
-    assert image.symbols["bss_end"] <= kept.address
+        assert kept.address <= image.at[name] < kept.address + kept.size_bytes
+    assert image.at["bss_end"] <= kept.address
 
 
-def test_the_image_describes_itself(image: Elf) -> None:
-    magic, version, schema, firmware, size, crc = image.words(image.symbols["edm_image"], 6)
-    assert image.symbols["edm_image"] == FLASH + 0x200
+def test_the_image_describes_itself(image: BuiltElf) -> None:
+    magic, version, schema, firmware, size, crc = image.words(image.at["edm_image"], 6)
+    assert image.at["edm_image"] == FLASH + 0x200
     assert magic == int.from_bytes(b"EDMI", "little")
     assert version == m.PROTO_MAJOR | m.PROTO_MINOR << 8 | 0x0429 << 16
-    assert (schema, size) == (m.SCHEMA_HASH, image.symbols["image_size"])
+    assert (schema, size) == (m.SCHEMA_HASH, image.at["image_size"])
     assert tuple(firmware.to_bytes(4, "little")) == (*source_version(), 0)
     assert crc != 0
 
 
-def test_tests_find_the_controller_by_its_layout(image: Elf) -> None:
-    layout = image.words(image.symbols["edm_layout"], 23)
-    assert layout[-1] == image.sections[".ccm"].size <= 64 * KB
+def test_tests_find_the_controller_by_its_layout(image: BuiltElf) -> None:
+    layout = image.words(image.at["edm_layout"], 23)
+    assert layout[-1] == image.section(".ccm").size_bytes <= 64 * KB
     assert len(set(layout)) == 23
     assert max(layout[:-1]) < layout[-1]
 
 
-def test_nothing_is_calculated_in_double(image: Elf) -> None:
+def test_nothing_is_calculated_in_double(image: BuiltElf) -> None:
     doubles = re.compile(r"__aeabi_(d|[a-z]+2d|cd)|__.*df\d?$")
     assert [name for name in image.symbols if doubles.match(name)] == []
 
@@ -225,7 +223,7 @@ def test_every_pin_has_one_net() -> None:
     ]
 
 
-def _called(elf: Elf) -> Callable[..., tuple[int, int, int]]:
+def _called(elf: BuiltElf) -> Callable[..., tuple[int, int, int]]:
     """A function of the image called on an emulated processor: (r0, r1, s0) after it."""
     import unicorn
     from unicorn import arm_const as arm
@@ -234,18 +232,16 @@ def _called(elf: Elf) -> Callable[..., tuple[int, int, int]]:
     machine.ctl_set_cpu_model(arm.UC_CPU_ARM_CORTEX_M4)
     machine.mem_map(FLASH, 1 << 20)
     machine.mem_map(SRAM, 192 * KB)
-    for section in elf.sections.values():
-        if section.loaded and FLASH <= section.address < FLASH + FLASH_MOST:
-            machine.mem_write(section.address, section.content)
+    machine.mem_write(*elf.image())
     back = FLASH + (1 << 20) - 16
 
     def call(name: str, *words: int, s0: int = 0) -> tuple[int, int, int]:
         for register, word in zip((arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1), words, strict=False):
             machine.reg_write(register, word)
         machine.reg_write(arm.UC_ARM_REG_S0, s0)
-        machine.reg_write(arm.UC_ARM_REG_SP, elf.symbols["main_stack_top"])
+        machine.reg_write(arm.UC_ARM_REG_SP, elf.at["main_stack_top"])
         machine.reg_write(arm.UC_ARM_REG_LR, back | 1)
-        machine.emu_start(elf.symbols[name] | 1, back)
+        machine.emu_start(elf.at[name] | 1, back)
         registers = (arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1, arm.UC_ARM_REG_S0)
         return tuple(machine.reg_read(register) & 0xFFFFFFFF for register in registers)
 
@@ -257,7 +253,7 @@ def _bits(x: float) -> int:
 
 
 @pytest.mark.needs("unicorn")
-def test_the_run_time_has_the_bits_of_the_standard(image: Elf) -> None:
+def test_the_run_time_has_the_bits_of_the_standard(image: BuiltElf) -> None:
     """Conversions to and from 64 bits come in core registers, the exponential in one of the FPU."""
     call = _called(image)
     for x in (0.0, 0.4, -0.6, 1.0, -1.5, 60000.4, -3e9, 8.1e12, 9.2e18, -9.2e18, 1e30, -1e30):

@@ -1,10 +1,8 @@
-"""`edmctl firmware`: build it for virtual machines and boards, look at images and boards, flash."""
+"""`edmctl firmware`: build it for virtual machines and boards, inspect images and boards, flash."""
 
 from edmctl.board.commands import build, flash, info
 from edmctl.cli.options import command_group
 
 app = command_group("Build the firmware, look at it and flash it.")
-app.command("build")(build.build)
-app.command("info")(info.info)
-app.command("verify")(info.verify)
-app.command("flash")(flash.flash)
+for function in (build.build, info.info, info.verify, flash.flash):
+    app.command(function.__name__)(function)

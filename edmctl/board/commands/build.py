@@ -2,7 +2,6 @@
 
 import os
 import shlex
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -34,7 +33,7 @@ OutputOption = Annotated[
         "--output",
         "-o",
         metavar="FILE|FOLDER",
-        help="ELF, with BIN and HEX beside it. Default: edmctl-BOARD.elf.",
+        help="ELF, with BIN beside it. Default: edmctl-BOARD.elf.",
     ),
 ]
 RealOption = Annotated[
@@ -64,12 +63,11 @@ def build(
 ) -> None:
     """Build the image of a board, or the firmware's core as a library for virtual machines.
 
-    The image is written as ELF, BIN and HEX, with its size and a check inside. The package ziglang brings all
-    that it takes. --set gives the ranges of your circuits, as in --set gap_full_v=331.2; the image tells them.
+    The image is written as ELF and BIN, with its size and a check inside. The package ziglang includes all that is
+    needed. --set gives the ranges of your circuits, as in --set gap_full_v=331.2; the image states them.
 
-    The library is built unless that was done before. It takes a C compiler: CC names one, else one of the system is
-    taken, else that of the package ziglang, and kept in the user's cache folder or in EDMCTL_FIRMWARE_CACHE. Jobs
-    with --controller firmware build by themselves what they need.
+    The library is built if it is missing, with the C compiler in CC, the system's, or that of the package ziglang.
+    It is kept in the user's cache folder or in EDMCTL_FIRMWARE_CACHE. Jobs build by themselves what they need.
     """
     from edmctl.board.board_build import COMPILERS, SUFFIXES
     from edmctl.core.boards import BOARDS, HOST
@@ -86,7 +84,7 @@ def build(
             raise failures.output_without_board()
         if settings:
             raise failures.setting_without_board()
-        _library(outcome, real, compiler)
+        _build_library(outcome, real, compiler)
         return
     if real is not None:
         raise failures.real_with_board()
@@ -95,41 +93,32 @@ def build(
         place /= f"edmctl-{board}.elf"
     if place.suffix not in ("", *SUFFIXES):
         raise failures.image_ending_unknown(place=place, suffixes=", ".join(SUFFIXES))
-    _image(outcome, str(board), place, compiler, settings or [])
+    _build_image(outcome, str(board), place, compiler, settings or [])
 
 
-def _image(outcome: Outcome, board: str, place: Path, compiler: str | None, settings: list[str]) -> None:
+def _build_image(
+    outcome: Outcome, board: str, place: Path, compiler: str | None, settings: list[str]
+) -> None:
     from edmctl.board.board_build import build_board
     from edmctl.board.commands.tables import render_image
     from edmctl.core.boards import BOARDS
-    from edmctl.link.messages import SCHEMA_HASH
 
-    made = build_board(BOARDS[board], place, SCHEMA_HASH, compiler, settings=settings)
-    files = {"elf": str(made.elf), "bin": str(made.bin), "hex": str(made.hex)}
-    outcome.result = {**made.image.facts.as_mapping(), "files": files, "compiler": made.compiler}
-    outcome.show(lambda style: render_image(made.image.facts, style))
+    made = build_board(BOARDS[board], place, compiler, settings=settings)
+    files = {"elf": str(made.elf), "bin": str(made.bin)}
+    outcome.result = {**made.image.as_mapping(), "files": files, "compiler": made.compiler}
+    outcome.show(lambda style: render_image(made.image, style))
     outcome.text = f"\nBuilt by {made.compiler}: {', '.join(files.values())}"
 
 
-def _library(outcome: Outcome, real: str | None, compiler: str | None) -> None:
+def _build_library(outcome: Outcome, real: str | None, compiler: str | None) -> None:
     from dataclasses import asdict
 
-    from edmctl.core.build import REALS, built
+    from edmctl.core.build import REALS, ZIG, built
 
-    environ = _environment(compiler)
-    builds = [built(kind, environ) for kind in REALS if real in (None, kind)]
+    named = {None: {}, "zig": {"CC": shlex.join(ZIG)}, "gcc": {"CC": "gcc"}}[compiler]
+    builds = [built(kind, {**os.environ, **named}) for kind in REALS if real in (None, kind)]
     outcome.result = {"builds": [{**asdict(made), "path": str(made.path)} for made in builds]}
-    lines = [
+    outcome.text = "\n".join(
         f"{made.real}: {made.path}, {'built now' if made.is_new else 'built before'} by {made.compiler}"
         for made in builds
-    ]
-    outcome.text = "\n".join(lines)
-
-
-def _environment(compiler: str | None) -> "Mapping[str, str]":
-    """Return the environment, with CC set to what --compiler names."""
-    from edmctl.core.build import ZIG
-
-    if compiler is None:
-        return os.environ
-    return {**os.environ, "CC": shlex.join(ZIG) if compiler == "zig" else "gcc"}
+    )

@@ -14,7 +14,7 @@ from edmctl.cli.outcome import Outcome, Output, mutter, tell
 from edmctl.cli.signals import shell
 
 if TYPE_CHECKING:
-    from edmctl.board.board_firmware import FlashReport
+    from edmctl.board.board_firmware import Flashing
     from edmctl.core.boards import Board
 
 ToolOption = Annotated[
@@ -62,29 +62,26 @@ def flash(
     The high voltage has to be off: a board that is flashed guards nothing. With --port a job that runs there is
     refused, the port is held meanwhile, and the board is asked afterwards who it is.
     """
-    from edmctl.board.board_firmware import FlashReport, FlashRequest, flash_board, image_doubts
+    from edmctl.board.board_firmware import Flashing, flash_board, image_warnings
     from edmctl.board.image import read_image
-    from edmctl.board.results import settings_text
-    from edmctl.link.messages import SCHEMA_HASH
+    from edmctl.board.settings import settings_text
     from edmctl.profile.setup import load_setup
 
-    read = read_image(image, SCHEMA_HASH)
-    outcome.warn(image_doubts(read.facts))
-    settings = settings_text(read.facts.settings)
-    report = FlashReport(read.facts)
-    request = FlashRequest(read, tool, probe, port, wait)
-    confirm = partial(_confirm, outcome.output, settings, is_said=high_voltage_is_off)
+    read = read_image(image)
+    outcome.warn(image_warnings(read))
+    settings = settings_text(read.settings)
+    job = Flashing(read, tool, probe, port, wait)
+    confirm = partial(_confirm, outcome.output, settings, is_off=high_voltage_is_off)
     try:
-        say = partial(tell, outcome.output)
-        flash_board(request, report, load_setup(setup), say, shell().environ, confirm)
+        flash_board(job, load_setup(setup), partial(tell, outcome.output), shell().environ, confirm)
     finally:
-        outcome.result = report.as_mapping()
-        outcome.text = _told(report)
+        outcome.result = job.as_mapping()
+        outcome.text = _summary(job, settings)
 
 
-def _confirm(output: Output, settings: str, board: "Board", *, is_said: bool) -> None:
+def _confirm(output: Output, settings: str, board: "Board", *, is_off: bool) -> None:
     """Ask whether the high voltage is off. Raises PreconditionError E8124 if it is not."""
-    if is_said:
+    if is_off:
         return
     remedy = (
         "Switch it off, see that its meter shows nothing, and flash again with --yes-high-voltage-is-off."
@@ -100,15 +97,14 @@ def _confirm(output: Output, settings: str, board: "Board", *, is_said: bool) ->
         raise failures.high_voltage_on(remedy=remedy)
 
 
-def _told(report: "FlashReport") -> str:
-    from edmctl.board.results import settings_text
-
-    if report.flashed is None:
+def _summary(job: "Flashing", settings: str) -> str:
+    if job.tool is None:
         return ""
-    done, image = report.flashed, report.image
-    text = f"Settings of the image: {settings_text(image.settings)}.\n"
-    text += f"{image.board_name}: {done.size_bytes} bytes written by {done.tool}, read back and the same; started."
-    if report.after is not None:
-        serial = f" ({report.after.serial})" if report.after.serial else ""
-        text += f"\nThe board at {report.after.port}{serial} answers."
+    text = (
+        f"Settings of the image: {settings}.\n"
+        f"{job.image.board_name}: {len(job.image.data)} bytes written by {job.tool}, read back, the same; started."
+    )
+    if job.after is not None:
+        serial = f" ({job.after.serial})" if job.after.serial else ""
+        text += f"\nThe board at {job.after.port}{serial} answers."
     return text

@@ -18,12 +18,11 @@ WhatArgument = Annotated[
     str,
     typer.Argument(
         metavar="FILE|PORT",
-        help="An image (ELF, BIN or HEX), or the port of a board.",
+        help="An image (ELF or BIN), or the port of a board.",
         autocompletion=completion.ports,
         show_default=False,
     ),
 ]
-IMAGE_SUFFIXES = (".elf", ".bin", ".hex")
 
 
 @command("firmware info", NOTES)
@@ -32,37 +31,34 @@ def info(outcome: Outcome, what: WhatArgument, setup: SetupOption = None, wait: 
 
     No session is opened, so a job on the board continues.
     """
-    from edmctl.board.board_firmware import board_at, image_doubts
+    from edmctl.board.board_firmware import board_at, image_warnings
     from edmctl.board.commands.tables import render_board, render_image
     from edmctl.board.image import read_image
-    from edmctl.link.messages import SCHEMA_HASH
     from edmctl.profile.setup import load_setup
 
     if _is_file(what):
-        image = read_image(user_path(what), SCHEMA_HASH)
-        outcome.warn(image_doubts(image.facts))
-        outcome.result = {"image": image.facts.as_mapping(), "board": None}
-        outcome.show(lambda style: render_image(image.facts, style))
+        image = read_image(user_path(what))
+        outcome.warn(image_warnings(image))
+        outcome.result = {"image": image.as_mapping(), "board": None}
+        outcome.show(lambda style: render_image(image, style))
         return
-    say = partial(tell, outcome.output)
-    with board_at(what, load_setup(setup), wait, say, shell().environ) as asked:
-        assert asked.board is not None
-        outcome.simulated = asked.board.board == 0 if asked.board.board is not None else None
-        outcome.result = {"image": None, "board": asked.board.as_mapping()}
-        outcome.text = render_board(asked.board)
+    board = board_at(what, load_setup(setup), wait, partial(tell, outcome.output), shell().environ)
+    outcome.simulated = board.is_simulated
+    outcome.result = {"image": None, "board": board.as_mapping()}
+    outcome.text = render_board(board)
 
 
 def _is_file(what: str) -> bool:
-    """Whether an image is meant: an existing file, or a name with the ending of one."""
+    """Return whether it is an image: an existing file, or a name with the ending of one."""
     if "://" in what:
         return False
     with suppress(OSError, ValueError):
         return not stat.S_ISCHR(user_path(what).stat().st_mode)
-    return user_path(what).suffix.lower() in IMAGE_SUFFIXES
+    return user_path(what).suffix.lower() in (".elf", ".bin")
 
 
 ImageArgument: TypeAlias = Annotated[
-    Path, typer.Argument(metavar="FILE", help="Image of a board: ELF, BIN or HEX.", show_default=False)
+    Path, typer.Argument(metavar="FILE", help="Image of a board: ELF or BIN.", show_default=False)
 ]
 BoardPortArgument: TypeAlias = Annotated[
     str,
@@ -93,21 +89,17 @@ def verify(
     from edmctl.board.board_firmware import board_at, compared, mismatch, settings_not_compared
     from edmctl.board.image import read_image
     from edmctl.cli.render.procedure_tables import render_checks
-    from edmctl.link.messages import SCHEMA_HASH
     from edmctl.profile.setup import load_setup
 
-    facts = read_image(image, SCHEMA_HASH).facts
-    say = partial(tell, outcome.output)
-    with board_at(port, load_setup(setup), wait, say, shell().environ) as asked:
-        board = asked.board
-    assert board is not None
-    outcome.simulated = board.board == 0 if board.board is not None else None
-    checks = [*compared(facts, board), settings_not_compared(facts, board)]
+    read = read_image(image)
+    board = board_at(port, load_setup(setup), wait, partial(tell, outcome.output), shell().environ)
+    outcome.simulated = board.is_simulated
+    checks = [*compared(read, board), settings_not_compared(read, board.port)]
     outcome.result = {
-        "image": facts.as_mapping(),
+        "image": read.as_mapping(),
         "board": board.as_mapping(),
         "checks": [{**asdict(check), "status": check.status.value} for check in checks],
     }
     outcome.show(lambda style: render_checks(checks, style))
-    if error := mismatch(facts, board, checks):
+    if error := mismatch(read, board, checks):
         raise error

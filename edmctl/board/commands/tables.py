@@ -2,37 +2,36 @@
 
 from __future__ import annotations
 
-from edmctl.board.results import (
-    BoardFacts,
-    FirstStartReport,
-    ImageFacts,
-    Item,
-    ItemStatus,
-    hexadecimal,
-    settings_text,
-)
+from typing import TYPE_CHECKING
+
+from edmctl.board.board_firmware import BoardFacts
+from edmctl.board.image import Image, hexadecimal
+from edmctl.board.settings import settings_text
 from edmctl.cli.render.terminal import PLAIN, Ink, Style, render_columns
 from edmctl.wording import dotted
 
+if TYPE_CHECKING:
+    from edmctl.board.first_start.checklist import FirstStartReport, Item
+
 _INKS = {
-    ItemStatus.PASS: Ink.SIGNAL,
-    ItemStatus.ANSWERED: Ink.FAINT,
-    ItemStatus.FAIL: Ink.ERROR,
-    ItemStatus.SKIPPED: Ink.WARNING,
-    ItemStatus.ABSENT: Ink.FAINT,
+    "pass": Ink.SIGNAL,
+    "answered": Ink.FAINT,
+    "fail": Ink.ERROR,
+    "skipped": Ink.WARNING,
+    "absent": Ink.FAINT,
 }
 _INDENT = 10
 
 
 def render_first_start(report: FirstStartReport, style: Style = PLAIN) -> str:
-    """Render every item under its part, and what it comes to."""
+    """Render every item under its part, and a summary."""
     lines, part = [f"First start of {report.machine}, {report.started}"], ""
     for item in report.items:
         if item.part != part:
             part = item.part
             lines += ["", style.paint(part, Ink.STRONG)]
         lines += _item(item, style)
-    counts = [(status, sum(item.status is status for item in report.items)) for status in ItemStatus]
+    counts = [(status, sum(item.status == status for item in report.items)) for status in _INKS]
     lines += ["", f"{', '.join(f'{n} {status}' for status, n in counts if n)}."]
     if report.absent:
         absent = [f"{item.title} ({item.reason})" for item in report.items if item.key in report.absent]
@@ -47,50 +46,49 @@ def render_first_start(report: FirstStartReport, style: Style = PLAIN) -> str:
 def _item(item: Item, style: Style) -> list[str]:
     status = style.paint(f"{item.status:8}", _INKS[item.status])
     lines = [f"{status}  {item.title}{f': {item.reason}' if item.reason else ''}"]
-    told = (("done", item.done), ("expected", item.expected), ("read", item.read))
     if item.read:
-        lines += [f"{'':{_INDENT}}{name:10}{text}" for name, text in told]
+        rows = (("done", item.done), ("expected", item.expected), ("read", item.read))
+        lines += [f"{'':{_INDENT}}{name:10}{text}" for name, text in rows]
     for cause in item.causes:
         nets = f"; net {', '.join(cause.nets)}" if cause.nets else ""
         lines.append(f"{'':{_INDENT}}{style.paint('likely    ', Ink.NOTE)}{cause.text}{nets}")
     return lines
 
 
-def render_image(image: ImageFacts, style: Style = PLAIN) -> str:
-    """Render what an image is, and of an ELF what takes its memories."""
-    same = "that of this edmctl" if image.has_same_schema else "another one than this edmctl's"
+def render_image(image: Image, style: Style = PLAIN) -> str:
+    """Render what an image is, and of an ELF its sections."""
+    record = image.record
     rows = [
         ("image", f"{image.path} ({image.kind}), whole"),
-        ("board", f"{image.board_name} (board {image.board})"),
-        ("firmware", dotted(image.firmware)),
-        ("protocol", dotted(image.protocol)),
-        ("schema", f"{hexadecimal(image.schema_hash)}, {same}"),
-        ("size", f"{image.size_bytes} bytes"),
-        ("CRC-32", hexadecimal(image.crc32)),
+        ("board", f"{image.board_name} (board {record.board})"),
+        ("firmware", dotted(record.firmware)),
+        ("protocol", dotted(record.protocol)),
+        ("schema", _schema(record.schema_hash, is_same=image.has_same_schema)),
+        ("size", f"{record.size_bytes} bytes"),
+        ("CRC-32", hexadecimal(record.crc32)),
         ("settings", settings_text(image.settings)),
     ]
     parts = [_pairs(rows)]
     if image.sections:
         table = [
-            (s.name, hexadecimal(s.address), str(s.size_bytes), " and ".join(s.memories))
+            (s.name, hexadecimal(s.address), str(s.size_bytes), " and ".join(image.memories_of(s)))
             for s in image.sections
         ]
         parts.append(render_columns(("section", "address", "bytes", "memory"), table, style, "<>><"))
-        used = image.used_bytes()
-        parts.append(", ".join(f"{memory} {used[memory]} bytes" for memory in used))
+        parts.append(", ".join(f"{memory} {size} bytes" for memory, size in image.used_bytes().items()))
     return "\n\n".join(parts)
 
 
 def render_board(board: BoardFacts) -> str:
-    """Render what a controller says of itself."""
-    same = "that of this edmctl" if board.has_same_schema else "another one than this edmctl's"
+    """Render what a controller reports."""
+    unknown = "not reported"
     rows = [
         ("port", board.port),
-        ("controller", board.serial or "it does not tell its number"),
-        ("board", "it does not tell" if board.board is None else f"{board.board_name} (board {board.board})"),
-        ("firmware", dotted(board.firmware) if board.firmware else "it does not tell"),
+        ("controller", board.serial or unknown),
+        ("board", unknown if board.board is None else f"{board.board_name} (board {board.board})"),
+        ("firmware", dotted(board.firmware) if board.firmware else unknown),
         ("protocol", dotted(board.protocol)),
-        ("schema", f"{hexadecimal(board.schema_hash)}, {same}"),
+        ("schema", _schema(board.schema, is_same=board.has_same_schema)),
     ]
     if board.differing:
         rows.append(("differing", ", ".join(board.differing)))
@@ -100,6 +98,10 @@ def render_board(board: BoardFacts) -> str:
     if board.boot_count is not None:
         rows.append(("boots", str(board.boot_count)))
     return _pairs(rows)
+
+
+def _schema(number: int, *, is_same: bool) -> str:
+    return f"{hexadecimal(number)}, {'that' if is_same else 'not that'} of this edmctl"
 
 
 def _pairs(rows: list[tuple[str, str]]) -> str:

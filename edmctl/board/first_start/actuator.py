@@ -1,210 +1,185 @@
-"""The actuator in steps upwards, without pulses: converter, amplifier, its monitor and the displacement sensor."""
+"""Part 3, the actuator in steps upwards without pulses: converter, amplifier, monitor and displacement sensor."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
-from statistics import linear_regression
+from statistics import fmean, linear_regression
 
 from edmctl.board.first_start import nets
-from edmctl.board.first_start.checklist import Checklist, Found, Spec, mean, wrong
-from edmctl.board.first_start.nets import cause
-from edmctl.dataclasses import dataclass, replace
+from edmctl.board.first_start.checklist import NOT_FITTED, Checklist, Finding, Part, Skip, cause, wrong
+from edmctl.dataclasses import dataclass
 from edmctl.procedures.settings import motion_settings
+from edmctl.profile.setup import Setup
 from edmctl.wording import decimal, signed
 
-PART = "actuator"
 SMALL_V = (0.5, 1.0, 1.5, 2.0)
 """A monitor that is reversed is off by 4 V at the last: the controller gives up at 4.5 V."""
 LARGE_V = (5.0, 10.0, 20.0, 40.0, 20.0, 10.0, 0.0)
 SLEW_V_S, STEP_S = 20.0, 0.3
 DEAD = 0.1
-"""A slope below this share of the expected one is none."""
+"""A slope below this share of the expected one counts as none."""
 MONITOR_GAIN, MONITOR_OFFSET_V, MONITOR_STEP_V = 0.05, 1.5, 1.5
 SMALL_GAIN, LARGE_GAIN = (0.25, 1.6), (0.5, 1.4)
-"""Of the setup's gain, which is that of the whole stroke: hysteresis leaves less of it to small steps."""
+"""Shares of the setup's gain, which is that of the whole stroke: hysteresis reduces it for small steps."""
 BACK_UM = 10.0
 SAFE_UM = 20.0
-
-AMPLIFIER = Spec(
-    "amplifier-on",
-    "amplifier on",
-    "The amplifier was switched on at 0 V; monitor and sensor were read.",
-    f"the monitor within {MONITOR_OFFSET_V:g} V of 0, the sensor within {BACK_UM:g} µm of before",
-    ("idle", "armed-estop", "armed-door", "contact"),
-)
-_STEPS = ", ".join(f"{v:g}" for v in SMALL_V)
-DRIVE = Spec(
-    "drive",
-    "actuator drive",
-    f"Steps to {_STEPS} V; monitor and sensor were read at each.",
-    "either of them follows",
-    ("amplifier-on",),
-)
-MONITOR = Spec(
-    "monitor",
-    "actuator monitor",
-    "The same steps.",
-    f"gain 1 within {100.0 * MONITOR_GAIN:.0f} %, offset below {MONITOR_OFFSET_V:g} V",
-    ("drive",),
-)
-DISPLACEMENT = Spec(
-    "displacement",
-    "displacement sensor",
-    "The same steps.",
-    "more with more voltage",
-    ("drive",),
-)
-RANGE = Spec(
-    "range",
-    "actuator to 40 V",
-    f"Steps to {', '.join(f'{v:g}' for v in LARGE_V)} V.",
-    f"the monitor within {MONITOR_STEP_V:g} V at each",
-    ("monitor", "displacement"),
-)
-
-
-def look(c: Checklist) -> None:
-    """Switch the amplifier on and drive the actuator in steps upwards."""
-    c.part = PART
-    c.item(AMPLIFIER, partial(_amplifier_on, c))
-    steps: list[Step] = []
-    c.item(DRIVE, partial(_drive, c, steps))
-    c.item(MONITOR, partial(_monitor, steps))
-    displacement = _bounded(c, DISPLACEMENT, SMALL_GAIN)
-    if c.setup.sensor.fitted or not c.is_right(DRIVE.key):
-        c.item(displacement, partial(_displacement, c, steps))
-    else:
-        c.skip(displacement, "no sensor is fitted by the setup", absent=True)
-    full = replace(RANGE, expected=f"{RANGE.expected}; the sensor back within {BACK_UM:g} µm, up")
-    c.item(_bounded(c, full, LARGE_GAIN) if c.setup.sensor.fitted else RANGE, partial(_range, c))
-
-
-def _bounded(c: Checklist, spec: Spec, bounds: tuple[float, float]) -> Spec:
-    gain = c.setup.actuator.gain_um_per_v
-    low, high = bounds
-    text = f"by {low * gain:.2f} to {high * gain:.2f} µm/V ({low:g} to {high:g} of the setup's {gain:g})"
-    return replace(spec, expected=f"{spec.expected} {text}")
-
-
-def _gain_in_words(slope: float, gain: float) -> str:
-    return f"{signed(slope)} µm/V, {decimal(slope / gain)} of the setup's"
+PART = Part("actuator")
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Means at one voltage."""
+    """Mean readings at one voltage."""
 
     command_v: float
     monitor_v: float
     displacement_um: float
 
 
-def _amplifier_on(c: Checklist) -> Found:
-    c.allow("actuator")
-    before_um = mean([status.displacement_um for status in c.read()])
-    c.act("amplifier-on")
-    found = c.read()
-    monitor_v = mean([status.monitor_v for status in found])
-    way_um = mean([status.displacement_um for status in found]) - before_um
-    read = f"monitor {decimal(monitor_v)} V, sensor {signed(way_um)} µm from before"
-    causes = []
-    if abs(monitor_v) > MONITOR_OFFSET_V and not abs(way_um) > BACK_UM:
-        causes.append(cause("actuator monitor has an offset: its ground, or its amplifier", nets.MONITOR))
-    elif abs(way_um) > BACK_UM:
-        text = (
-            "the actuator moves at 0 V: the converter is not at 0, or the amplifier's offset; switch it off"
-        )
-        causes.append(cause(text, nets.DAC))
-    return Found(read, tuple(causes))
-
-
-def _steps(c: Checklist, voltages: tuple[float, ...]) -> list[Step]:
-    """Arm without pulses, step through the voltages and back; return the readings of each."""
-    fitted = c.setup.sensor.fitted
-    rest_um = mean([status.displacement_um for status in c.read()]) if fitted else 0.0
-    c.machine.configure(motion_settings(c.setup, rest_um + SAFE_UM, sensor_fitted=fitted, pulses=True))
+def _step_through(c: Checklist, voltages: tuple[float, ...]) -> list[Step]:
+    """Arm without pulses, step through the voltages and back; return the readings at 0 V and at each."""
+    safe_um = c.resting_um() + SAFE_UM
+    c.machine.configure(motion_settings(c.setup, safe_um, sensor_fitted=c.setup.sensor.fitted, pulses=True))
     c.machine.arm(pulses=False)
-    found = [_step(c, 0.0)]
-    for voltage in voltages:
-        c.machine.ramp(voltage, min(SLEW_V_S, c.setup.actuator.slew_v_s))
-        found.append(_step(c, voltage))
+    steps: list[Step] = []
+    for voltage in (0.0, *voltages):
+        if steps:
+            c.machine.ramp(voltage, min(SLEW_V_S, c.setup.actuator.slew_v_s))
+        c.machine.rest(STEP_S)
+        readings = c.read()
+        monitor_v = fmean(status.monitor_v for status in readings)
+        steps.append(Step(voltage, monitor_v, fmean(status.displacement_um for status in readings)))
     c.machine.disarm()
-    return found
+    return steps
 
 
-def _step(c: Checklist, voltage: float) -> Step:
-    c.machine.rest(STEP_S)
-    read = c.read()
-    return Step(voltage, mean([s.monitor_v for s in read]), mean([s.displacement_um for s in read]))
-
-
-def _line(steps: list[Step], value: Callable[[Step], float]) -> tuple[float, float]:
-    """Return slope and offset of a value over the command."""
-    slope, offset = linear_regression([step.command_v for step in steps], [value(step) for step in steps])
+def _line(steps: list[Step], name: str) -> tuple[float, float]:
+    """Return slope and offset of a reading over the command."""
+    slope, offset = linear_regression([s.command_v for s in steps], [getattr(s, name) for s in steps])
     return slope, offset
 
 
-def _drive(c: Checklist, steps: list[Step]) -> Found:
-    steps += _steps(c, SMALL_V)
-    monitor = _line(steps, lambda step: step.monitor_v)[0]
-    displacement = _line(steps, lambda step: step.displacement_um)[0]
-    gain = c.setup.actuator.gain_um_per_v
+def _bounded(text: str, bounds: tuple[float, float]) -> Callable[[Setup], str]:
+    low, high = bounds
+
+    def expected(setup: Setup) -> str:
+        gain = setup.actuator.gain_um_per_v
+        return f"{text} by {low * gain:.2f} to {high * gain:.2f} µm/V ({low:g} to {high:g} of the setup's {gain:g})"
+
+    return expected
+
+
+@PART.check(
+    "amplifier-on",
+    "amplifier on",
+    "The amplifier was switched on at 0 V; monitor and sensor were read.",
+    f"the monitor within {MONITOR_OFFSET_V:g} V of 0, the sensor within {BACK_UM:g} µm of before",
+    "idle armed-estop armed-door contact",
+)
+def amplifier_on(c: Checklist) -> Finding:
+    c.allow("actuator")
+    before_um = c.mean("displacement_um")
+    c.act("amplifier-on")
+    readings = c.read()
+    monitor_v = fmean(status.monitor_v for status in readings)
+    way_um = fmean(status.displacement_um for status in readings) - before_um
+    read = f"monitor {decimal(monitor_v)} V, sensor {signed(way_um)} µm from before"
+    if abs(way_um) > BACK_UM:
+        text = (
+            "the actuator moves at 0 V: the converter is not at 0, or the amplifier's offset; switch it off"
+        )
+        return wrong(read, text, nets.DAC)
+    if abs(monitor_v) > MONITOR_OFFSET_V:
+        return wrong(read, "actuator monitor has an offset: its ground, or its amplifier", nets.MONITOR)
+    return Finding(read)
+
+
+@PART.check(
+    "drive",
+    "actuator drive",
+    f"Steps to {', '.join(f'{v:g}' for v in SMALL_V)} V; monitor and sensor were read at each.",
+    "either of them follows",
+    "amplifier-on",
+)
+def drive(c: Checklist) -> Finding:
+    steps = c.kept["steps"] = _step_through(c, SMALL_V)
+    monitor, displacement = _line(steps, "monitor_v")[0], _line(steps, "displacement_um")[0]
     read = f"monitor {signed(monitor)} V/V, sensor {signed(displacement)} µm/V"
-    if abs(monitor) >= DEAD or (c.setup.sensor.fitted and abs(displacement) >= DEAD * gain):
-        return Found(read)
+    dead = DEAD * c.setup.actuator.gain_um_per_v
+    if abs(monitor) >= DEAD or (c.setup.sensor.fitted and abs(displacement) >= dead):
+        return Finding(read)
     text = "nothing follows: the converter's wires, the amplifier's input or its supply"
     return wrong(read, text, nets.DAC)
 
 
-def _monitor(steps: list[Step]) -> Found:
-    gain, offset_v = _line(steps, lambda step: step.monitor_v)
+@PART.check(
+    "monitor",
+    "actuator monitor",
+    "The same steps.",
+    f"gain 1 within {100.0 * MONITOR_GAIN:.0f} %, offset below {MONITOR_OFFSET_V:g} V",
+    "drive",
+)
+def monitor(c: Checklist) -> Finding:
+    gain, offset_v = _line(c.kept["steps"], "monitor_v")
     read = f"gain {signed(gain)}, offset {signed(offset_v)} V"
     if abs(gain - 1.0) <= MONITOR_GAIN and abs(offset_v) <= MONITOR_OFFSET_V:
-        return Found(read)
+        return Finding(read)
     if abs(gain) < DEAD:
         text = "actuator monitor does not follow, and the actuator does: wire off"
     elif gain < 0.0:
         text = "actuator monitor is reversed"
     elif abs(gain - 1.0) > MONITOR_GAIN:
-        text = (
-            f"actuator monitor reads {gain:.2f} of the voltage: the wrong divider, or gain of the amplifier"
-        )
+        text = f"actuator monitor reads {gain:.2f} of the voltage: wrong divider, or gain of the amplifier"
     else:
         text = "actuator monitor has an offset"
     return wrong(read, text, nets.MONITOR)
 
 
-def _displacement(c: Checklist, steps: list[Step]) -> Found:
+@PART.check(
+    "displacement",
+    "displacement sensor",
+    "The same steps.",
+    _bounded("more with more voltage", SMALL_GAIN),
+    "drive",
+)
+def displacement(c: Checklist) -> Finding:
+    if not c.setup.sensor.fitted:
+        raise Skip(NOT_FITTED, absent=True)
     gain = c.setup.actuator.gain_um_per_v
-    slope = _line(steps, lambda step: step.displacement_um)[0]
-    read = _gain_in_words(slope, gain)
-    low, high = SMALL_GAIN
-    if low * gain <= slope <= high * gain:
-        return Found(read)
-    if abs(slope) < DEAD * gain:
+    share = _line(c.kept["steps"], "displacement_um")[0] / gain
+    read = f"{signed(share * gain)} µm/V, {decimal(share)} of the setup's"
+    if SMALL_GAIN[0] <= share <= SMALL_GAIN[1]:
+        return Finding(read)
+    if abs(share) < DEAD:
         text = "displacement sensor does not follow, and the monitor does: wire off, or it does not look at the tool"
-    elif slope < 0.0:
-        text = "displacement sensor is reversed: more voltage has to read more displacement, towards the work"
+    elif share < 0.0:
+        text = "displacement sensor is reversed: more voltage has to read more displacement, towards the workpiece"
     else:
         text = "displacement sensor has another scale than the setup, or the actuator another gain"
     return wrong(read, text, nets.DISPLACEMENT)
 
 
-def _range(c: Checklist) -> Found:
-    steps = _steps(c, tuple(v for v in LARGE_V if v <= c.setup.actuator.stroke_v))
+@PART.check(
+    "range",
+    "actuator to 40 V",
+    f"Steps to {', '.join(f'{v:g}' for v in LARGE_V)} V.",
+    _bounded(
+        f"the monitor within {MONITOR_STEP_V:g} V at each; the sensor, if fitted, back within {BACK_UM:g} µm, up",
+        LARGE_GAIN,
+    ),
+    "monitor displacement",
+)
+def full_range(c: Checklist) -> Finding:
+    steps = _step_through(c, tuple(v for v in LARGE_V if v <= c.setup.actuator.stroke_v))
     worst_v = max((step.monitor_v - step.command_v for step in steps), key=abs)
-    top = max(steps, key=lambda step: step.command_v)
     read, causes = f"monitor {signed(worst_v)} V off at most", []
     if abs(worst_v) > MONITOR_STEP_V:
         causes.append(cause("actuator monitor has another gain at more voltage", nets.MONITOR, nets.DAC))
     if c.setup.sensor.fitted:
-        gain = c.setup.actuator.gain_um_per_v
+        top, gain = max(steps, key=lambda step: step.command_v), c.setup.actuator.gain_um_per_v
         slope = (top.displacement_um - steps[0].displacement_um) / top.command_v
         back_um = steps[-1].displacement_um - steps[0].displacement_um
-        read += f"; sensor {_gain_in_words(slope, gain)}, {signed(back_um)} µm after"
-        low, high = LARGE_GAIN
-        if not low * gain <= slope <= high * gain or abs(back_um) > BACK_UM:
+        read += f"; sensor {signed(slope)} µm/V, {decimal(slope / gain)} of the setup's, {signed(back_um)} µm after"
+        if not LARGE_GAIN[0] <= slope / gain <= LARGE_GAIN[1] or abs(back_um) > BACK_UM:
             text = "displacement sensor and setup do not agree: scale, fixing, or actuator.gain_um_per_v"
             causes.append(cause(text, nets.DISPLACEMENT))
-    return Found(read, tuple(causes))
+    return Finding(read, tuple(causes))

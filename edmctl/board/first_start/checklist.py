@@ -1,13 +1,14 @@
-"""The checklist as it goes: items in order, what builds on what, and how an error becomes a finding."""
+"""The checklist: items with their dependencies, and how a reading or an error becomes a result."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from enum import StrEnum
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
 
-from edmctl.board.first_start.person import ACTS, QUESTIONS, Done, Person
-from edmctl.board.results import Cause, Item, ItemStatus
+from edmctl.board.first_start.person import PROMPTS, Prompt
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import EdmError, Interrupted, LinkLost, MachineFault, UsageError
 from edmctl.link.faults import FaultCode
@@ -19,14 +20,90 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
 
 SETTLE_S = 0.3
-"""After an act by hand: filters and switches have settled."""
+"""Filters and switches settle within this after an operator action."""
 READINGS, READING_S = 10, 0.02
-"""A reading is the mean of so many, so far apart."""
-NONE_OF_IT = "the machine has none, by the person"
+"""A reading is the mean of 10 samples, 20 ms apart."""
+NOT_FITTED = "no sensor is fitted by the setup"
+
+
+class ItemStatus(StrEnum):
+    """Result of an item. ANSWERED: only an answer, no reading. ABSENT: the machine may be, and is, without it."""
+
+    PASS = "pass"
+    ANSWERED = "answered"
+    FAIL = "fail"
+    SKIPPED = "skipped"
+    ABSENT = "absent"
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """A likely wiring mistake and the nets that it is on."""
+
+    text: str
+    nets: tuple[str, ...]
+
+
+def cause(text: str, *nets: str) -> Cause:
+    return Cause(text, nets)
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One line of the report. `reason` says why it was skipped; `causes` are those of a failure."""
+
+    key: str
+    part: str
+    title: str
+    done: str
+    expected: str
+    read: str
+    status: ItemStatus
+    reason: str = ""
+    causes: tuple[Cause, ...] = ()
+
+    @property
+    def is_right(self) -> bool:
+        """Whether items that depend on it may be done."""
+        return self.status in (ItemStatus.PASS, ItemStatus.ANSWERED, ItemStatus.ABSENT)
+
+
+@dataclass(frozen=True, slots=True)
+class FirstStartReport:
+    """The whole checklist.
+
+    `complete`: no item failed or was skipped. `absent`: keys of what the machine is without. `ended`: the message of
+    the error that ended it early.
+    """
+
+    machine: str
+    simulated: bool
+    started: str
+    items: tuple[Item, ...]
+    complete: bool
+    absent: tuple[str, ...]
+    ended: str
+
+    def titles(self, status: ItemStatus) -> list[str]:
+        return [item.title for item in self.items if item.status is status]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What was read, and the likely mistakes; none if all is right. `answered`: an answer, not a reading."""
+
+    read: str
+    causes: tuple[Cause, ...] = ()
+    answered: bool = False
+
+
+def wrong(read: str, text: str, *nets: str) -> Finding:
+    """Return a reading with one likely mistake and the nets that it is on."""
+    return Finding(read, (Cause(text, nets),))
 
 
 class Skip(Exception):
-    """An item that is left out, and why; `absent` where the machine has none of it."""
+    """An item is left out for a reason; `absent` if the machine is without the part."""
 
     def __init__(self, reason: str, *, absent: bool = False) -> None:
         super().__init__(reason)
@@ -34,146 +111,141 @@ class Skip(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Spec:
-    """What an item is: what is done, what is expected, and which items it builds on."""
+class Check:
+    """A declared item: `look` does it, once the items with the keys `needs` are right."""
 
     key: str
     title: str
     done: str
-    expected: str
-    needs: tuple[str, ...] = ()
+    expected: str | Callable[[Setup], str]
+    needs: tuple[str, ...]
+    look: Callable[[Checklist], Finding]
 
 
-@dataclass(frozen=True, slots=True)
-class Found:
-    """What was read, and what is likely to be wrong; nothing where all is right. `is_word`: nothing was read."""
+@dataclass(slots=True)
+class Part:
+    """Checks under one heading, in their order."""
 
-    read: str
-    causes: tuple[Cause, ...] = ()
-    is_word: bool = False
+    title: str
+    checks: list[Check] = field(default_factory=list)
 
+    def check(
+        self, key: str, title: str, done: str, expected: str | Callable[[Setup], str], needs: str = ""
+    ) -> Callable[[Callable[[Checklist], Finding]], Check]:
+        """Declare a check by a decorator of its function; `needs` are keys of items, separated by spaces."""
 
-def wrong(read: str, text: str, *nets: str) -> Found:
-    """Return what was read with one likely mistake, and the nets that it is on."""
-    return Found(read, (Cause(text, nets),))
+        def declare(look: Callable[[Checklist], Finding]) -> Check:
+            self.checks.append(Check(key, title, done, expected, tuple(needs.split()), look))
+            return self.checks[-1]
+
+        return declare
 
 
 @dataclass(slots=True)
 class Checklist:
-    """One machine, one person, and what was found so far.
+    """One machine, the results so far, and what checks keep for later ones in `kept`.
 
-    `told` hears of every item, `say` of readings in between. `cause_of` names the likely
-    mistakes behind a fault of the controller. `battery_v` is what the gap sensor has read of a battery.
+    ask_person : returns the answer to a prompt. show : called with every item. say : called with other readings.
+    causes_of : likely mistakes behind an error.
     """
 
     machine: LinkMachine
     setup: Setup
-    person: Person
-    told: Callable[[Item], None]
+    ask_person: Callable[[Prompt], str]
+    show: Callable[[Item], None]
     say: Callable[[str], None]
-    cause_of: Callable[[EdmError], tuple[Cause, ...]]
-    part: str = ""
+    causes_of: Callable[[EdmError], tuple[Cause, ...]]
     items: list[Item] = field(default_factory=list)
-    battery_v: float = 0.0
+    kept: dict[str, Any] = field(default_factory=dict)
 
-    def item(self, spec: Spec, look: Callable[[], Found]) -> bool:
-        """Do an item unless it builds on one that is not right; whether it is right.
+    def run_all(self, parts: Sequence[Part]) -> None:
+        """Do every item; nothing if the machine is not ready for the first."""
+        for part in parts:
+            for check in part.checks:
+                if not self.run(part, check) and check.key == "ready":
+                    return
 
-        Raises LinkLost, Interrupted, UsageError where nobody answers any more, MachineFault where somebody has
-        pressed the emergency stop unasked. Whatever else goes wrong is a finding, with the machine safe and the
-        fault cleared that the item has brought about.
+    def run(self, part: Part, check: Check) -> bool:
+        """Do an item unless one that it needs is not right; return whether it is right.
+
+        Any other error is a result: the machine is made safe and the fault cleared that the item has provoked.
+
+        Raises LinkLost, Interrupted, UsageError if no answers come any more, MachineFault for an emergency stop that
+        was not requested.
         """
-        lacking = [item.title for item in self.items if item.key in spec.needs and not item.is_right]
+        expected = check.expected if isinstance(check.expected, str) else check.expected(self.setup)
+
+        def add(status: ItemStatus, read: str = "", reason: str = "", causes: tuple[Cause, ...] = ()) -> bool:
+            item = Item(
+                check.key, part.title, check.title, check.done, expected, read, status, reason, causes
+            )
+            self.items.append(item)
+            self.show(item)
+            return item.is_right
+
+        lacking = [item.title for item in self.items if item.key in check.needs and not item.is_right]
         if lacking:
-            return self._add(spec, "", ItemStatus.SKIPPED, f"needs: {', '.join(lacking)}")
+            return add(ItemStatus.SKIPPED, reason=f"needs: {', '.join(lacking)}")
         try:
-            found = look()
-        except Skip as left_out:
+            finding = check.look(self)
+        except Skip as skip:
             self.machine.safe_stop()
-            status = ItemStatus.ABSENT if left_out.absent else ItemStatus.SKIPPED
-            return self._add(spec, "", status, left_out.reason)
+            return add(ItemStatus.ABSENT if skip.absent else ItemStatus.SKIPPED, reason=skip.reason)
         except (Interrupted, UsageError) as stopped:
-            self._add(spec, "", ItemStatus.SKIPPED, stopped.message)
-            raise
-        except LinkLost as error:
-            self._add(spec, error.message, ItemStatus.FAIL, "", self.cause_of(error))
+            add(ItemStatus.SKIPPED, reason=stopped.message)
             raise
         except FaultLatched as latched:
             self.machine.safe_stop()
-            return self._add(spec, "", ItemStatus.SKIPPED, latched.message)
+            return add(ItemStatus.SKIPPED, reason=latched.message)
         except EdmError as error:
             self.machine.safe_stop()
-            is_right = self._add(spec, error.message, ItemStatus.FAIL, "", self.cause_of(error))
+            add(ItemStatus.FAIL, error.message, causes=self.causes_of(error))
+            if isinstance(error, LinkLost):
+                raise
             if isinstance(error, MachineFault):
                 if error.fault == FaultCode.ESTOP:
-                    raise  # somebody wants it to end
+                    raise
                 with suppress(EdmError):
                     self.machine.clear_fault(error.fault)
-            return is_right
-        return self.judge(spec, found)
+            return False
+        right = ItemStatus.ANSWERED if finding.answered else ItemStatus.PASS
+        return add(ItemStatus.FAIL if finding.causes else right, finding.read, causes=finding.causes)
 
-    def judge(self, spec: Spec, found: Found) -> bool:
-        """Add an item of what was read before; whether it is right."""
-        right = ItemStatus.ANSWERED if found.is_word else ItemStatus.PASS
-        status = ItemStatus.FAIL if found.causes else right
-        return self._add(spec, found.read, status, "", found.causes)
+    def status_of(self, key: str) -> ItemStatus:
+        return next(item.status for item in self.items if item.key == key)
 
-    def skip(self, spec: Spec, reason: str, *, absent: bool = False) -> None:
-        """Add an item that is left out."""
-        self._add(spec, "", ItemStatus.ABSENT if absent else ItemStatus.SKIPPED, reason)
-
-    def _add(
-        self, spec: Spec, read: str, status: ItemStatus, reason: str, causes: tuple[Cause, ...] = ()
-    ) -> bool:
-        item = Item(spec.key, self.part, spec.title, spec.done, spec.expected, read, status, reason, causes)
-        self.items.append(item)
-        self.told(item)
-        return item.is_right
-
-    def is_right(self, *keys: str) -> bool:
-        """Whether every item of these is right."""
-        right = {item.key for item in self.items if item.is_right}
-        return right.issuperset(keys)
-
-    def has_failed(self, key: str) -> bool:
-        """Whether an item has failed."""
-        return any(item.key == key and item.status is ItemStatus.FAIL for item in self.items)
-
-    def act(self, key: str) -> None:
-        """Have something done by hand, and let it settle. Raises Skip."""
-        act = ACTS[key]
-        done = self.person.act(act)
-        if done is Done.ABSENT and act.may_be_absent:
-            raise Skip(NONE_OF_IT, absent=True)
-        if done is not Done.DONE:
-            raise Skip(f"{key}: {done}")
-        self.machine.pass_time(SETTLE_S)
-
-    def answer(self, key: str) -> str:
-        """Ask. Raises Skip where there is no answer, or none of the options."""
-        question = QUESTIONS[key]
-        answer = self.person.answer(question)
-        if not answer or (question.options and answer not in question.options):
-            raise Skip(f"{key}: no answer")
+    def ask(self, key: str) -> str:
+        """Return an answer. Raises Skip if there is none, or if the machine is without the part."""
+        prompt = PROMPTS[key]
+        answer = self.ask_person(prompt)
+        if not answer or (prompt.options and answer not in prompt.options):
+            raise Skip(f"{key}: skipped")
         if answer == "absent":
-            raise Skip(NONE_OF_IT, absent=True)
+            raise Skip("the machine has none, according to the operator", absent=True)
         return answer
 
-    def allow(self, key: str) -> Found:
-        """Ask whether a step may be done. Raises Skip unless the answer is yes."""
-        if self.answer(key) != "yes":
+    def act(self, key: str) -> None:
+        """Request an operator action and let it settle. Raises Skip."""
+        self.ask(key)
+        self.machine.pass_time(SETTLE_S)
+
+    def allow(self, key: str) -> Finding:
+        """Ask for permission. Raises Skip unless the answer is yes."""
+        if self.ask(key) != "yes":
             raise Skip(f"{key}: not allowed")
-        return Found("yes", is_word=True)
+        return Finding("yes", answered=True)
 
     def read(self) -> list[MachineStatus]:
-        """Readings one behind the other, unbelieved."""
-        found = []
+        readings = []
         for _ in range(READINGS):
             self.machine.pass_time(READING_S)
-            found.append(self.machine.readings())
-        return found
+            readings.append(self.machine.readings())
+        return readings
 
+    def mean(self, name: str) -> float:
+        """Return the mean reading of one value of the status."""
+        return fmean(getattr(status, name) for status in self.read())
 
-def mean(values: list[float]) -> float:
-    """The mean of some numbers."""
-    return sum(values) / len(values)
+    def resting_um(self) -> float:
+        """Return the displacement now; 0 without a sensor."""
+        return self.mean("displacement_um") if self.setup.sensor.fitted else 0.0

@@ -1,15 +1,7 @@
 """The nets of a machine as its builder knows them: their names, and the pins of the NUCLEO-F429ZI."""
 
-from __future__ import annotations
-
-from edmctl.board.results import Cause
-
-ESTOP, DOOR, LEVEL, SUPPLY_OK = (
-    "e-stop (PG0)",
-    "door (PG1)",
-    "dielectric level (PG3)",
-    "high voltage ok (PG2)",
-)
+ESTOP, DOOR = "e-stop (PG0)", "door (PG1)"
+LEVEL, SUPPLY_OK = "dielectric level (PG3)", "high voltage ok (PG2)"
 FLOW, TEMPERATURE, LIMITS = "flow (PF4)", "temperature (PF10)", "limit switches (PG4)"
 CONTACT, GAP, CURRENT = "contact (PF13)", "gap voltage (PC0)", "gap current (PC3)"
 MONITOR, DISPLACEMENT = "actuator monitor (PF3)", "displacement (PF5)"
@@ -20,8 +12,3 @@ OPEN_VOLTAGE, IGNITION = "open voltage set (PA4)", "ignition (PA0, PC6)"
 STEPS = ("X step (PF6)", "Y step (PF7)", "theta step (PF8)")
 DIRECTIONS = ("X direction (PF0)", "Y direction (PF1)", "theta direction (PF2)")
 LINE = "line (PD8, PD9)"
-
-
-def cause(text: str, *nets: str) -> Cause:
-    """Return a likely mistake and the nets that it is on."""
-    return Cause(text, nets)

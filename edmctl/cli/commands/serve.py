@@ -78,12 +78,6 @@ FaultOption = Annotated[
     list[str] | None,
     typer.Option("--fault", metavar="NAME[@WHEN]", help="Inject a fault, e.g. ESTOP@sparks+2. Repeatable."),
 ]
-ActsOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--acts", metavar="FILE", help="Do what is appended to this file: +ESTOP breaks, -ESTOP mends."
-    ),
-]
 ForOption = Annotated[
     float | None,
     typer.Option("--for", metavar="SECONDS", min=0.0, help="End after this much of the controller's time."),
@@ -110,7 +104,6 @@ class _Request:
     injections: tuple["Injection", ...]
     bench_file: Path | None
     seconds: float | None
-    acts: Path | None
     link: Path | None
     place: _Place | None
 
@@ -131,7 +124,6 @@ def serve(
     baud: BaudOption = None,
     bench: BenchOption = None,
     fault: FaultOption = None,
-    acts: ActsOption = None,
     seconds: ForOption = None,
 ) -> None:
     """Serve a virtual controller on a pty or a socket until Ctrl-C.
@@ -162,7 +154,7 @@ def serve(
     used_seed = seed_to_use(seed)
     # A kept bench is the machine that it is, whatever seed would make another.
     outcome.seed = used_seed if seed is not None or bench is None or not bench.exists() else None
-    _serve(outcome, _Request(config, used_seed, factor, rate, injections, bench, seconds, acts, link, place))
+    _serve(outcome, _Request(config, used_seed, factor, rate, injections, bench, seconds, link, place))
 
 
 def _serve(outcome: Outcome, request: _Request) -> None:
@@ -201,7 +193,7 @@ def _serve(outcome: Outcome, request: _Request) -> None:
                         say("repaired: nothing is broken any more")
                     news()
 
-                server = Server(bench, endpoint, request.speed, look_around, say, _acts(request, bench, say))
+                server = Server(bench, endpoint, request.speed, look_around, say)
                 server.run(lambda: stop.signal_number is not None or controller.tick >= end_tick)
         finally:
             endpoint.close()
@@ -222,17 +214,6 @@ def _serve(outcome: Outcome, request: _Request) -> None:
     if bench.line.unplugged:
         say("the line is unplugged; nothing more to serve")
     stop.check()
-
-
-def _acts(request: _Request, bench: "VirtualBench", say: Callable[[str], None]) -> Callable[[], None]:
-    from edmctl.simulator.serve import ActsFile
-
-    if request.acts is None:
-        return lambda: None
-    try:
-        return ActsFile(request.acts, bench, say)
-    except OSError as refused:
-        raise failures.acts_file_unusable(acts=request.acts, reason=refused.strerror) from refused
 
 
 def _endpoint(request: _Request, say: Callable[[str], None]) -> "Endpoint":
