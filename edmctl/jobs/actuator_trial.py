@@ -27,7 +27,7 @@ from edmctl.errors import Diagnostic
 from edmctl.jobs import output_files
 from edmctl.jobs.actuator_waveforms import Waveform
 from edmctl.jobs.corrections import owner, reaches_down, reaches_up
-from edmctl.profile.calibration import load_calibration
+from edmctl.profile.calibration import Calibration
 from edmctl.record.columns import write_columns
 from edmctl.report.kinds import check_figure
 from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, SLEW_V_S, DrivenTicks, VirtualActuator
@@ -139,7 +139,7 @@ def run_trial(asked: Sequence[Waveform], known: ActuatorModel | None, seed: int)
 
 def known_model(path: Path, seed: int) -> tuple[ActuatorModel, list[Diagnostic]]:
     """Load a calibration file, with warnings when it is another actuator's or was not accepted."""
-    calibration = load_calibration(path)
+    calibration = Calibration.load(path)
     own, doubts = VirtualActuator(seed).serial, []
     if calibration.serial != own:
         doubts.append(failures.calibration_of_another_seed(path=path, owner=owner(calibration), serial=own))

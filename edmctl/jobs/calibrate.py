@@ -26,7 +26,7 @@ from edmctl.jobs.surroundings import NONE, Surroundings, Warn
 from edmctl.jsonout import JsonValue, to_json_value
 from edmctl.procedures.calibration import CalibrationPlan, measure_actuator, plan_calibration
 from edmctl.process.rest_drift import CreepLeft
-from edmctl.profile.calibration import Made, calibration_of, measured_file, save_calibration
+from edmctl.profile.calibration import Made, calibration_of, measured_file
 from edmctl.profile.folders import kept_path
 from edmctl.profile.setup import Setup, load_setup
 from edmctl.quantity import half_width
@@ -329,7 +329,7 @@ def _save(
         findings.identification, made, findings.held_out_baselines, [asdict(file) for file in findings.files]
     )
     checked.surroundings.settled()
-    save_calibration(path, calibration)
+    calibration.save(path)
 
 
 def _kept(record: Record, path: Path) -> Diagnostic:

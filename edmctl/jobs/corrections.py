@@ -145,9 +145,9 @@ def _covers(calibration: Calibration, profile: Profile) -> bool:
 
 def _loaded(path: Path, setup: Setup, profile: Profile) -> Calibration:
     """Load a calibration. Raises PreconditionError E8032 if there is no sensor and it covers too little."""
-    from edmctl.profile.calibration import load_calibration
+    from edmctl.profile.calibration import Calibration
 
-    calibration = load_calibration(path)
+    calibration = Calibration.load(path)
     if not (setup.sensor.fitted or _covers(calibration, profile)):
         model, top_v = calibration.actuator, profile.limits.stroke_v_max
         raise failures.calibration_range_too_small(
@@ -213,9 +213,9 @@ def choose_drift(
     path = find_kept("drift", environ, setup.drift.file, serial if lasting else None)
     if path is None:
         return DriftChoice()
-    from edmctl.profile.drift_file import load_drift
+    from edmctl.profile.drift_file import DriftFile
 
-    found = load_drift(path)
+    found = DriftFile.load(path)
     if found.made.serial != serial:
         return _ignored(failures.drift_file_of_another(path=path, owner=found.made.serial, serial=serial))
     age_s = found.age_s()

@@ -35,7 +35,7 @@ from edmctl.machine.interface import (
 )
 from edmctl.machine.stop import safe_state_on_error
 from edmctl.procedures.settings import motion_settings
-from edmctl.profile.calibration import load_calibration
+from edmctl.profile.calibration import Calibration
 from edmctl.profile.folders import find_kept
 from edmctl.profile.setup import Setup, load_setup
 from edmctl.results.equipment import Check, CheckStatus
@@ -153,7 +153,7 @@ def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str
             return warn("calibration", f"{none}; a job makes a quick one of its own.", remedy)
         return fail("calibration", f"{none}, and no displacement sensor is fitted.", remedy)
     try:
-        found = load_calibration(path)
+        found = Calibration.load(path)
     except EdmError as error:
         return fail("calibration", error.message, error.hint or remedy)
     if found.serial != serial:

@@ -52,7 +52,7 @@ from edmctl.procedures.measure_drift import DriftPlan, drift_result, drift_time_
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.process.rest_drift import DriftModel, model_of
-from edmctl.profile.drift_file import MadeBy, drift_file, save_drift
+from edmctl.profile.drift_file import MadeBy, drift_file
 from edmctl.profile.folders import kept_path
 from edmctl.profile.model import Profile
 from edmctl.profile.places import Place
@@ -390,7 +390,7 @@ class DriftMeasurement(Procedure):
         )
         self.replaced, self.use = self.path.exists(), self._use(run)
         run.plan.surroundings.settled()
-        save_drift(self.path, drift_file(made, found, model))
+        drift_file(made, found, model).save(self.path)
 
     def _use(self, run: RunContext) -> str:
         """Return which jobs use the file, as a sentence without its end."""

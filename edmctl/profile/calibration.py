@@ -1,7 +1,4 @@
-"""The calibration file: TOML with a hash, written atomically, checked when it is read.
-
-The arrays are those of `ActuatorModel`; numbers are read back exactly.
-"""
+"""The calibration file: TOML with a hash. Its arrays are those of `ActuatorModel`, read back exactly."""
 
 import hashlib
 import math
@@ -17,20 +14,12 @@ from edmctl.actuator.identification import Identification
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.files import open_regular
-from edmctl.profile.hashed_file import FileKind, HashedTable
+from edmctl.profile.hashed_file import HashedTable
 from edmctl.profile.tables import ONE_LINE, Line, Table, entry
 
 SCHEMA: Final = "edmctl-calibration/1"
 BEYOND_PLAYS: Final = "edmctl-calibration/2"
 """Of a model with rounded plays or a lag, which readers of the first number do not know."""
-FILE: Final = FileKind(
-    "calibration file",
-    (SCHEMA, BEYOND_PLAYS),
-    again="Run edmctl calibrate again.",
-    missing="Check the path, or make the file: edmctl calibrate --output {path}.",
-    codes=("E3640", "E3641", "E3642", "E3643", "E3644"),
-    write_code="E9012",
-)
 MOST = 1e9  # larger figures than any that is measured; their squares are still numbers
 Words = Annotated[str, Field(pattern=ONE_LINE, max_length=1000)]
 
@@ -59,28 +48,18 @@ class Parameters(Table):
 
     thresholds_v: list[float] = entry(..., "thresholds of the n plays, ascending from 0, V")
     knots_v: list[list[float]] = entry(..., "n × (m + 1) ends of each play's pieces, ascending, V")
-    slopes_um_per_v: list[list[float]] = entry(
-        ..., "n × m slopes, not negative, those of the first play positive, µm/V"
-    )
-    creep_plays: list[Annotated[int, Field(ge=0, lt=10_000)]] = entry(
-        ..., "g plays that creep, counted from 0"
-    )
+    slopes_um_per_v: list[list[float]] = entry(..., "n × m slopes ≥ 0, those of the first play > 0, µm/V")
+    creep_plays: list[Annotated[int, Field(ge=0, lt=10_000)]] = entry(..., "g creeping plays, from 0")
     time_constants_s: list[float] = entry(..., "j time constants of creep, s")
     creep_um_per_v: list[list[float]] = entry(..., "g × j weights of creep, not negative, µm/V")
     zero_um: float = entry(..., "added to every displacement: the zero of the last record's sensor, µm")
     delay_s: float = entry(..., "delay of the displacement, s")
     low_v: float = entry(..., "lowest voltage of the records, V")
     high_v: float = entry(..., "highest voltage of the records, V")
-    rounded_limits_v: list[list[float]] | None = entry(
-        None, "k × 2 limits of the rounded plays' stops, rising and falling, V; absent: none"
-    )
-    rounded_sharpness: list[float] | None = entry(
-        None, "k numbers from 0 to 1: how sharply a stop bends into its limit"
-    )
-    rounded_unloading: list[float] | None = entry(
-        None, "k numbers, not negative: how much steeper a stop unloads than it begins to load"
-    )
-    rounded_um_per_v: list[float] | None = entry(None, "k weights of the rounded plays, not negative, µm/V")
+    rounded_limits_v: list[list[float]] | None = entry(None, "k × 2 limits of rounded plays, V; absent: none")
+    rounded_sharpness: list[float] | None = entry(None, "k bends of their stops into the limits, 0 to 1")
+    rounded_unloading: list[float] | None = entry(None, "k factors ≥ 0: unloading over loading, less 1")
+    rounded_um_per_v: list[float] | None = entry(None, "k weights of the rounded plays ≥ 0, µm/V")
     lag_s: float | None = entry(None, "time constant of amplifier and actuator, s; absent: none")
 
 
@@ -118,9 +97,7 @@ class Quality(Table):
 
     accepted: bool = entry(..., "whether nothing stands against using it")
     problems: list[Words] = entry(..., "what stands against it, each with its remedy", max_length=100)
-    restrictions: list[Words] | None = entry(
-        None, "what an acceptance is limited to; absent: nothing", max_length=100
-    )
+    restrictions: list[Words] | None = entry(None, "limits of an acceptance; absent: none", max_length=100)
     notes: list[Words] = entry(..., "what else to know", max_length=100)
     samples: int = entry(..., "samples that it was fitted to", ge=1)
     stroke_um: float = entry(..., "displacement between the ends of the range, µm", gt=0.0)
@@ -129,11 +106,9 @@ class Quality(Table):
     gamma_per_decade: float = entry(..., "creep after a step, relative, per decade of time")
     train: Figures = entry(..., "errors on the records that it was fitted to")
     held_out: Figures = entry(..., "errors on blocks of them that it did not see")
-    held_out_records: Figures | None = entry(
-        None, "errors on whole records that it did not see; absent: no record is like the others"
-    )
+    held_out_records: Figures | None = entry(None, "errors on whole records that it did not see, if any")
     validation: list[ValidationFigures] | None = entry(
-        None, "errors on each validation file; absent: none was given", max_length=1000
+        None, "errors on each validation file", max_length=1000
     )
     bands: Spread = entry(..., "standard uncertainties of the above")
 
@@ -141,13 +116,17 @@ class Quality(Table):
 class Calibration(HashedTable):
     """A calibration file, without its hash."""
 
+    kind = "calibration file"
+    schemas = (SCHEMA, BEYOND_PLAYS)
+    again = "Run edmctl calibrate again."
+    missing = "Check the path, or make the file: edmctl calibrate --output {path}."
+    codes = ("E3640", "E3641", "E3642", "E3643", "E3644", "E9012")
+
     schema_name: Literal["edmctl-calibration/1", "edmctl-calibration/2"] = Field(alias="schema")
     made: Made
     actuator: Parameters = Field(alias="model")
     quality: Quality
-    baselines: dict[Words, Figures] = entry(
-        {}, "errors of simpler models, on blocks that these did not see", max_length=100
-    )
+    baselines: dict[Words, Figures] = entry({}, "held-out errors of simpler models", max_length=100)
 
     @property
     def serial(self) -> str | None:
@@ -179,6 +158,15 @@ class Calibration(HashedTable):
             raise ValueError("the arrays of the model do not fit each other") from None
         return ActuatorModel(**values)
 
+    def check(self) -> None:
+        """Raise ValueError if the model cannot be used, or values contradict each other."""
+        quality = self.quality
+        others: list[tuple[str, Figures]] = [("validation", one) for one in quality.validation or ()]
+        if quality.held_out_records is not None:
+            others.append(("held_out_records", quality.held_out_records))
+        for wrong in contradictions(quality, self.model(), others):
+            raise ValueError(f"it cannot be of an actuator that feeds a tool: {wrong}")
+
 
 def measured_file(path: Path, samples: int, previous_v: float | None = None) -> MeasuredFile:
     """Name a file of measured data by its content."""
@@ -194,32 +182,34 @@ def calibration_of(
     validation: Sequence[Mapping[str, object]] = (),
 ) -> Calibration:
     """Return the content of a file. `baselines` are held-out errors by model, `validation` figures by file."""
-    found, bands, whole = identification.model, identification.bands, identification.held_out_records
-    saved = ValidationFigures.model_fields
+    model, whole = identification.model, identification.held_out_records
     quality = Quality(
         accepted=identification.accepted,
         problems=list(identification.problems),
         restrictions=list(identification.restrictions) or None,
         notes=list(identification.notes),
         samples=identification.samples,
-        stroke_um=found.stroke_um,
-        gain_um_per_v=found.gain_um_per_v,
-        loop_width=found.loop_width,
-        gamma_per_decade=found.gamma_per_decade,
+        stroke_um=model.stroke_um,
+        gain_um_per_v=model.gain_um_per_v,
+        loop_width=model.loop_width,
+        gamma_per_decade=model.gamma_per_decade,
         train=_figures(identification.train),
         held_out=_figures(identification.held_out),
         held_out_records=None if whole is None else _figures(whole),
-        validation=[ValidationFigures.model_validate({key: one[key] for key in saved}) for one in validation]
+        validation=[
+            ValidationFigures.model_validate({key: one[key] for key in ValidationFigures.model_fields})
+            for one in validation
+        ]
         or None,
-        bands=Spread.model_validate(bands, from_attributes=True),
+        bands=Spread.model_validate(identification.bands, from_attributes=True),
     )
     plain: dict[str, Any] = {}
     for name, info in Parameters.model_fields.items():
-        value = getattr(found, name)
+        value = getattr(model, name)
         plain[name] = value.tolist() if isinstance(value, np.ndarray) else value
         if info.default is None and not plain[name]:
             plain[name] = None
-    beyond = len(found.rounded_um_per_v) > 0 or found.lag_s > 0.0
+    beyond = len(model.rounded_um_per_v) > 0 or model.lag_s > 0.0
     return Calibration(
         schema=BEYOND_PLAYS if beyond else SCHEMA,
         made=made,
@@ -231,29 +221,6 @@ def calibration_of(
 
 def _figures(errors: ErrorFigures) -> Figures:
     return Figures.model_validate(errors, from_attributes=True)
-
-
-def load_calibration(path: Path) -> Calibration:
-    """Read and check a calibration file.
-
-    Raises RecordError: E3640 it cannot be read, E3641 it is not TOML, E3642 it has another schema, E3643 it was
-    edited, E3644 its model cannot be used.
-    """
-    return FILE.load(path, Calibration, _refuse_contradictions)
-
-
-def save_calibration(path: Path, calibration: Calibration) -> None:
-    """Write a calibration file and its folder, whole or not at all. Raises RunFileError E9012."""
-    FILE.save(path, calibration)
-
-
-def _refuse_contradictions(calibration: Calibration) -> None:
-    quality = calibration.quality
-    others: list[tuple[str, Figures]] = [("validation", one) for one in quality.validation or ()]
-    if quality.held_out_records is not None:
-        others.append(("held_out_records", quality.held_out_records))
-    for wrong in contradictions(quality, calibration.model(), others):
-        raise ValueError(f"it cannot be of an actuator that feeds a tool: {wrong}")
 
 
 # Wide bounds: beyond them no actuator feeds a tool, or arithmetic overflows.
@@ -274,20 +241,33 @@ ROUNDING = 1e-3
 def contradictions(
     quality: Identification | Quality, model: ActuatorModel, others: Sequence[tuple[str, Figures]] = ()
 ) -> Iterator[str]:
-    """Yield what of a calibration cannot be, with numbers; nothing if it may be used.
+    """Yield what is impossible in a calibration, with numbers; nothing if it may be used.
 
     others : further errors that an acceptance depends on, by name
     """
-    for found, most, what in (
-        (len(model.thresholds_v), MOST_PLAYS, "plays"),
-        (model.slopes_um_per_v.shape[1], MOST_PIECES, "pieces a play"),
-        (len(model.time_constants_s), MOST_TAUS, "time constants"),
-        (len(model.rounded_um_per_v), MOST_ROUNDED, "rounded plays"),
+    taus_s, ends_v = model.time_constants_s, np.array([model.low_v, model.high_v])
+    volts = (model.thresholds_v, model.knots_v, ends_v, model.rounded_limits_v, model.rounded[:, -1])
+    for value, most, what in (
+        (len(model.thresholds_v), MOST_PLAYS, "{:g} plays"),
+        (model.slopes_um_per_v.shape[1], MOST_PIECES, "{:g} pieces a play"),
+        (len(taus_s), MOST_TAUS, "{:g} time constants"),
+        (len(model.rounded_um_per_v), MOST_ROUNDED, "{:g} rounded plays"),
+        (max(float(np.abs(one).max(initial=0.0)) for one in volts), MOST_V, "voltages up to {:.3g} V"),
+        (taus_s.max(initial=0.0), MOST_TAU_S, "time constants of {:.3g} s"),
+        (model.delay_s, MOST_DELAY_S, "a delay of {:.3g} s"),
+        (model.lag_s, MOST_DELAY_S, "a lag of {:.3g} s"),
+        (abs(model.zero_um), MOST_ZERO_UM, "a zero of {:.3g} µm"),
     ):
-        if found > most:
-            yield f"{found} {what}, at most {most} are used"
-    yield from _of_numbers(model)
-    yield from _of_range(model)
+        if not value <= most:
+            yield f"{what.format(value)}, at most {most:g} are used"
+    if taus_s.min(initial=1.0) < LEAST_TAU_S:
+        yield f"time constants of {taus_s.min():.3g} s, at least {LEAST_TAU_S:g} are used"
+    low_v, high_v = float(model.knots_v[0, 0]), float(model.knots_v[0, -1])
+    span_v = high_v - low_v
+    narrow = model.high_v - model.low_v < LEAST_SPAN_SHARE * span_v
+    if narrow or model.low_v < low_v - span_v or model.high_v > high_v + span_v or model.high_v <= low_v:
+        stated = f"a range of {model.low_v:.4g} V to {model.high_v:.4g} V"
+        yield f"{stated} with knots from {low_v:.4g} V to {high_v:.4g} V"
     yield from _of_stroke(quality, model)
     if quality.accepted == bool(quality.problems):
         verdict = "accepted" if quality.accepted else "not accepted"
@@ -299,49 +279,22 @@ def contradictions(
         yield from _of_figures(errors, name)
 
 
-def _of_numbers(model: ActuatorModel) -> Iterator[str]:
-    ends_v, steepest = np.array([model.low_v, model.high_v]), model.rounded[:, -1]
-    volts = (model.thresholds_v, model.knots_v, ends_v, model.rounded_limits_v, steepest)
-    most_v = max(float(np.abs(one).max(initial=0.0)) for one in volts)
-    if most_v > MOST_V:
-        yield f"voltages up to {most_v:.3g} V, at most {MOST_V:g} V are used"
-    taus_s = model.time_constants_s
-    if len(taus_s) and not (taus_s.min() >= LEAST_TAU_S and taus_s.max() <= MOST_TAU_S):
-        yield f"time constants of {taus_s.min():.3g} s to {taus_s.max():.3g} s"
-    for late_s, what in ((model.delay_s, "delay"), (model.lag_s, "lag")):
-        if late_s > MOST_DELAY_S:
-            yield f"a {what} of {late_s:.3g} s, at most {MOST_DELAY_S:g} s are used"
-    if abs(model.zero_um) > MOST_ZERO_UM:
-        yield f"a zero of {model.zero_um:.3g} µm"
-
-
-def _of_range(model: ActuatorModel) -> Iterator[str]:
-    """The voltage range matches the knots of the first play."""
-    low_v, high_v = float(model.knots_v[0, 0]), float(model.knots_v[0, -1])
-    span_v = high_v - low_v
-    narrow = model.high_v - model.low_v < LEAST_SPAN_SHARE * span_v
-    if narrow or model.low_v < low_v - span_v or model.high_v > high_v + span_v or model.high_v <= low_v:
-        stated = f"a range of {model.low_v:.4g} V to {model.high_v:.4g} V"
-        yield f"{stated} with knots from {low_v:.4g} V to {high_v:.4g} V"
-
-
 def _of_stroke(quality: Identification | Quality, model: ActuatorModel) -> Iterator[str]:
     """The weights give a plausible stroke, and that which is stated."""
     span_v = model.high_v - model.low_v
-    swings_v = np.maximum(0.0, span_v - 2.0 * model.thresholds_v)
     steepest = max(model.slopes_um_per_v.max(), model.creep_um_per_v.max(initial=0.0))
     if not steepest <= MOST_STROKE_UM:
         yield f"slopes up to {steepest:.3g} µm/V"
         return
     knots = np.clip(model.knots_v, model.low_v, model.high_v)
     knots[:, 0], knots[:, -1] = model.low_v, model.high_v
-    reached = np.minimum(knots[:, 1:], model.high_v - model.thresholds_v[:, np.newaxis]) - np.maximum(
-        knots[:, :-1], model.low_v + model.thresholds_v[:, np.newaxis]
-    )
-    rounded_v = model.rounded[:, -1] * span_v - model.rounded_limits_v.sum(axis=1)
-    swings_v = np.concatenate([swings_v, np.maximum(0.0, rounded_v)])
-    plain_um = float((model.slopes_um_per_v * np.maximum(reached, 0.0)).sum())
-    plain_um += float(model.rounded_um_per_v @ swings_v[len(model.thresholds_v) :])
+    thresholds_v = model.thresholds_v[:, np.newaxis]
+    tops_v = np.minimum(knots[:, 1:], model.high_v - thresholds_v)
+    reached_v = np.maximum(tops_v - np.maximum(knots[:, :-1], model.low_v + thresholds_v), 0.0)
+    plays_v = np.maximum(0.0, span_v - 2.0 * model.thresholds_v)
+    rounded_v = np.maximum(0.0, model.rounded[:, -1] * span_v - model.rounded_limits_v.sum(axis=1))
+    swings_v = np.concatenate([plays_v, rounded_v])
+    plain_um = float((model.slopes_um_per_v * reached_v).sum() + model.rounded_um_per_v @ rounded_v)
     creep_um = float((model.creep_um_per_v.sum(axis=1) * swings_v[model.creep_plays]).sum())
     stroke_um, stated_um = plain_um + creep_um, quality.stroke_um
     if not LEAST_STROKE_UM <= stroke_um <= MOST_STROKE_UM:

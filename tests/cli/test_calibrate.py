@@ -26,7 +26,7 @@ from edmctl.jobs import calibrate as calibration_run
 from edmctl.jobs import corrections as calibrated
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.calibration import MeasuredActuator
-from edmctl.profile.calibration import load_calibration
+from edmctl.profile.calibration import Calibration
 from edmctl.profile.setup import Setup
 from edmctl.record.columns import read_record, write_columns
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
@@ -139,7 +139,7 @@ def test_the_result_has_the_keys_that_scripts_depend_on_and_nothing_else_is_left
     assert "simulated run on the virtual machine, seed 3" in run.err
     assert "calibrating; 6 min" in run.err
     assert "\r" not in run.err
-    assert load_calibration(Path(result["calibration_file"])).made.simulated
+    assert Calibration.load(Path(result["calibration_file"])).made.simulated
     assert [path.name for path in run.home.rglob("*") if path.is_file()] == ["SIM-3.toml"]
 
 
@@ -177,7 +177,7 @@ def test_where_the_file_is_and_how_it_is_used_is_said(
     own.write_text("an older one", encoding="utf-8")
     way = "`edmctl machine --profile PROFILE --port sim:bench.h5` uses it on SIM-3 from now on"
     assert here(*kept).out.splitlines()[-1].endswith(f"Replaced {own}: {way}.")
-    assert load_calibration(own).serial == "SIM-3"
+    assert Calibration.load(own).serial == "SIM-3"
     way = f"`edmctl machine --profile PROFILE --seed 3 --calibration {fresh}` uses it."
     for done in ("Saved in", "Replaced"):
         said = here("calibrate", "--seed", "3").out
@@ -221,7 +221,7 @@ def test_a_calibration_in_use_is_not_replaced_by_one_that_is_not_accepted(
     said = here(*kept, "--json")
     assert said.exit_code == 0
     assert own.read_bytes() == before
-    assert not load_calibration(own.with_name("SIM-3-not-accepted.toml")).quality.accepted
+    assert not Calibration.load(own.with_name("SIM-3-not-accepted.toml")).quality.accepted
     assert {"W3652", "W3660"} <= {warning["code"] for warning in said.document["warnings"]}
     assert said.document["result"]["calibration_file"].endswith("SIM-3-not-accepted.toml")
 
@@ -346,7 +346,7 @@ def test_a_start_that_rings_and_outliers_count_and_the_figure_without_them_is_to
 def test_an_output_is_a_calibration_of_these_files(here: Here, files: Files) -> None:
     said = here("calibrate", "--from", str(files.fit), "--previous-voltage", "0", "--output", "a.toml")
     assert "Saved in a.toml: `edmctl machine --profile PROFILE --calibration a.toml` uses it." in said.out
-    made = load_calibration(Path("a.toml")).made
+    made = Calibration.load(Path("a.toml")).made
     assert (made.serial, made.simulated) == (None, False)
     (source,) = made.records
     assert (source.name, source.previous_v) == ("fit.csv", 0.0)

@@ -20,7 +20,7 @@ from edmctl.jobs.actuator_trial import run_trial
 from edmctl.jobs.actuator_waveforms import Waveform
 from edmctl.jobs.corrections import reaches_down, reaches_up
 from edmctl.jsonout import to_json_value
-from edmctl.profile.calibration import Made, calibration_of, load_calibration, save_calibration
+from edmctl.profile.calibration import Calibration, Made, calibration_of
 from edmctl.profile.folders import kept_path
 from edmctl.record.columns import write_columns
 from edmctl.simulator.actuator import VirtualActuator
@@ -37,7 +37,7 @@ def calibrate(path: Path, seed: int, high_v: float = 150.0) -> Path:
     thin = slice(None, None, 20)
     record = Record(waveform.t_s[thin], driven.applied_v[thin], driven.sensor_um[thin])
     found = identify([record], delay_s=0.0, resamples=1, beyond_plays=high_v == 150.0)
-    save_calibration(path, calibration_of(found, made_for(seed)))
+    calibration_of(found, made_for(seed)).save(path)
     return path
 
 
@@ -50,16 +50,16 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with calibrations of SIM-1: whole, of a part of the stroke, not accepted, unreadable; and setups."""
 
     def make(folder: Path) -> None:
-        whole = load_calibration(calibrate(folder / "one.toml", 1))
+        whole = Calibration.load(calibrate(folder / "one.toml", 1))
         calibrate(folder / "narrow.toml", 1, 60.0)
         bad = whole.quality.model_copy(update={"accepted": False, "problems": ["A knock: measure again."]})
-        save_calibration(folder / "doubtful.toml", whole.model_copy(update={"quality": bad}))
+        whole.model_copy(update={"quality": bad}).save(folder / "doubtful.toml")
         t_s = np.linspace(0.0, 40.0, 2000)
         u_v = 105.0 - 45.0 * np.cos(2.0 * np.pi * 0.2 * t_s)
         y_um = 3.0 * u_v + 6.0 * np.sin(2.0 * np.pi * 0.2 * t_s - 1.6)
         upper = Record(t_s, u_v, y_um + np.random.default_rng(1).normal(0, 0.2, 2000))
         found = identify([upper], folds=2, resamples=1)
-        save_calibration(folder / "upper.toml", calibration_of(found, made_for(1)))
+        calibration_of(found, made_for(1)).save(folder / "upper.toml")
         (folder / "broken.toml").write_text("schema = 1\n", encoding="utf-8")
         (folder / "no-sensor.toml").write_text(NO_SENSOR, encoding="utf-8")
         (folder / "no-swings.toml").write_text(
@@ -166,7 +166,7 @@ def test_the_machine_s_own_calibration_is_found_and_named_everywhere(
     said = machined(here, *kept)
     used = said.document["result"]["calibration"]
     assert used["path"] == str(own)
-    assert used["sha256"] == load_calibration(first).sha256[:12]
+    assert used["sha256"] == Calibration.load(first).sha256[:12]
     assert used["accepted"] is True
     assert warned(said) == []
     with h5py.File(said.document["run_file"]) as file:

@@ -8,7 +8,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from edmctl.profile.drift_file import load_drift
+from edmctl.profile.drift_file import DriftFile
 from tests.cli.commands import CU270, HURRIED, SHALLOW, Here
 
 QUICK = "[drift]\nhold_s = 30.0\ninterval_s = 25.0\n"
@@ -63,7 +63,7 @@ def test_a_fresh_machine_s_file_counts_where_it_is_named(
     said = " ".join(measured.out.split())
     (file,) = re.findall(r"`EDMCTL_DRIFT=(\S+) edmctl machine --profile PROFILE --seed 2` goes by it", said)
     assert Path(file).parent.name == "fresh"
-    assert load_drift(Path(file)).made.serial == "SIM-2"
+    assert DriftFile.load(Path(file)).made.serial == "SIM-2"
     monkeypatch.setenv("EDMCTL_DRIFT", file)
     document = here("machine", *SHALLOW, *SEED, "--json", "--quiet").document
     result = document["result"]

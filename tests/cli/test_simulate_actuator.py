@@ -17,7 +17,7 @@ from edmctl.errors import RecordError, UsageError, installing
 from edmctl.jobs.actuator_trial import run_trial, write_data
 from edmctl.jobs.actuator_waveforms import Wanted, Waveform, command_from, waveforms
 from edmctl.procedures.calibration import REST_S, plan_calibration
-from edmctl.profile.calibration import Made, calibration_of, save_calibration
+from edmctl.profile.calibration import Made, calibration_of
 from edmctl.profile.setup import Setup
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
 from tests.cli.commands import Here
@@ -46,7 +46,7 @@ def calibration(tmp_path_factory: pytest.TempPathFactory) -> str:
     """A calibration file of the same actuator."""
     made = Made(utc="2026-01-31T10:15:00+00:00", edmctl="1", serial=VirtualActuator(3).serial, simulated=True)
     path = tmp_path_factory.mktemp("calibration") / "sim3.toml"
-    save_calibration(path, calibration_of(identified(150.0), made))
+    calibration_of(identified(150.0), made).save(path)
     return str(path)
 
 

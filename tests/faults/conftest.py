@@ -9,7 +9,7 @@ import pytest
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import sampled, slow_legs
-from edmctl.profile.calibration import Made, calibration_of, save_calibration
+from edmctl.profile.calibration import Made, calibration_of
 from edmctl.simulator.actuator import VirtualActuator
 
 if TYPE_CHECKING:
@@ -26,5 +26,5 @@ def calibration(tmp_path_factory: pytest.TempPathFactory) -> Path:
     found = identify([record], delay_s=0.0, folds=2, resamples=1)
     made = Made(utc="2026-01-01T00:00:00Z", edmctl="0.1.0", serial="SIM-1", simulated=True)
     path = tmp_path_factory.mktemp("calibration") / "one.toml"
-    save_calibration(path, calibration_of(found, made))
+    calibration_of(found, made).save(path)
     return path

@@ -20,7 +20,7 @@ from edmctl.errors import RecordError
 from edmctl.jobs import calibration_fit as fit
 from edmctl.jobs.corrections import choose
 from edmctl.planning.rules.load import load_profile
-from edmctl.profile.calibration import Made, calibration_of, load_calibration, save_calibration
+from edmctl.profile.calibration import Calibration, Made, calibration_of
 from edmctl.profile.setup import Setup
 from tests.actuator.models import make_model
 
@@ -114,8 +114,8 @@ def test_the_verdict_of_validation_files_is_saved_and_verified_when_loaded(
     made = Made(utc="2026-01-01T00:00:00+00:00", edmctl="0", serial="SIM-1", simulated=True)
     path, files = tmp_path / "one.toml", [asdict(file) for file in verified.files]
     calibration = calibration_of(verified.identification, made, verified.held_out_baselines, files)
-    save_calibration(path, calibration)
-    kept = load_calibration(path)
+    calibration.save(path)
+    kept = Calibration.load(path)
     assert kept == calibration
     assert kept.quality.validation is not None
     assert kept.quality.validation[0].name == "again.csv"
@@ -126,6 +126,6 @@ def test_the_verdict_of_validation_files_is_saved_and_verified_when_loaded(
     assert "check one with --validate. Accepted for use without holds only: the" in choice.warnings[0].message
     assert "accepted with restrictions" in choice.used.text
     worse = files[0] | {"max_um": 40.0, "max_pct": 4000.0 / verified.files[0].range_um}
-    save_calibration(path, calibration_of(verified.identification, made, {}, [worse]))
+    calibration_of(verified.identification, made, {}, [worse]).save(path)
     with pytest.raises(RecordError, match="accepted with errors of"):
-        load_calibration(path)
+        Calibration.load(path)

@@ -29,9 +29,7 @@ from edmctl.profile.calibration import (
     Quality,
     Spread,
     calibration_of,
-    load_calibration,
     measured_file,
-    save_calibration,
 )
 from edmctl.profile.folders import find_kept, kept_path
 from edmctl.profile.hashed_file import content_hash
@@ -91,13 +89,13 @@ def a_calibration() -> Calibration:
 @pytest.fixture
 def saved(tmp_path: Path) -> Path:
     path = tmp_path / "deep" / "actuator.toml"
-    save_calibration(path, a_calibration())
+    a_calibration().save(path)
     return path
 
 
 def refused(path: Path) -> RecordError:
     with pytest.raises(RecordError) as refusal:
-        load_calibration(path)
+        Calibration.load(path)
     assert refusal.value.exit_code == 3
     assert "edmctl calibrate" in refusal.value.hint
     return refusal.value
@@ -117,16 +115,16 @@ def rewritten(path: Path, change: Callable[[dict[str, object]], object]) -> Path
 @pytest.mark.parametrize(("creeping", "rounded"), [(0, 0), (2, 0), (2, 1), (0, 2)])
 def test_a_model_comes_back_bit_by_bit(tmp_path: Path, creeping: int, rounded: int) -> None:
     identification = an_identification(creeping=creeping, rounded=rounded)
-    save_calibration(tmp_path / "c.toml", calibration_of(identification, MADE))
-    assert load_calibration(tmp_path / "c.toml").schema_name == (BEYOND_PLAYS if rounded else SCHEMA)
-    found = load_calibration(tmp_path / "c.toml").model()
+    calibration_of(identification, MADE).save(tmp_path / "c.toml")
+    assert Calibration.load(tmp_path / "c.toml").schema_name == (BEYOND_PLAYS if rounded else SCHEMA)
+    found = Calibration.load(tmp_path / "c.toml").model()
     for field in dataclasses.fields(ActuatorModel):
         written, read = getattr(identification.model, field.name), getattr(found, field.name)
         np.testing.assert_array_equal(read, written, strict=True)
 
 
 def test_everything_else_comes_back(saved: Path) -> None:
-    calibration = load_calibration(saved)
+    calibration = Calibration.load(saved)
     assert calibration == a_calibration()
     assert calibration.serial == "SIM-7"
     assert calibration.made.simulated
@@ -142,8 +140,8 @@ def test_problems_and_files_are_told(tmp_path: Path) -> None:
     made = Made(
         utc="2026-01-02", edmctl="0.1.0", records=[measured_file(data, 12, 75.0), measured_file(data, 9)]
     )
-    save_calibration(tmp_path / "c.toml", calibration_of(an_identification(("Not covered.",)), made))
-    calibration = load_calibration(tmp_path / "c.toml")
+    calibration_of(an_identification(("Not covered.",)), made).save(tmp_path / "c.toml")
+    calibration = Calibration.load(tmp_path / "c.toml")
     assert not calibration.quality.accepted
     assert calibration.quality.problems == ["Not covered."]
     assert calibration.serial is None
@@ -155,11 +153,11 @@ def test_problems_and_files_are_told(tmp_path: Path) -> None:
 def test_the_hash_is_of_the_content_and_not_of_comments_and_order(saved: Path) -> None:
     table = tomllib.loads(saved.read_text(encoding="utf-8"))
     written = table.pop("sha256")
-    assert written == content_hash(table) == load_calibration(saved).sha256
+    assert written == content_hash(table) == Calibration.load(saved).sha256
     assert table["schema"] == SCHEMA
     lines = saved.read_text(encoding="utf-8").splitlines()
     saved.write_text("\n".join(["# bench 3", lines[1], lines[0], *lines[2:]]), encoding="utf-8")
-    assert load_calibration(saved) == a_calibration()
+    assert Calibration.load(saved) == a_calibration()
 
 
 def test_an_edited_or_shortened_file_is_refused(saved: Path) -> None:
@@ -212,8 +210,8 @@ def test_a_missing_table_is_refused(saved: Path) -> None:
 
 
 def test_a_new_calibration_takes_the_place_of_the_old_one(saved: Path) -> None:
-    save_calibration(saved, calibration_of(an_identification(), Made(utc="now", edmctl="9")))
-    assert load_calibration(saved).made.edmctl == "9"
+    calibration_of(an_identification(), Made(utc="now", edmctl="9")).save(saved)
+    assert Calibration.load(saved).made.edmctl == "9"
     assert [path.name for path in saved.parent.iterdir()] == ["actuator.toml"]
     beside = saved.parent / "beside"
     beside.touch()
@@ -227,12 +225,12 @@ def test_a_full_disk_leaves_the_old_calibration(saved: Path, monkeypatch: pytest
     before = saved.read_bytes()
     monkeypatch.setattr(os, "fsync", refuse)
     with pytest.raises(RunFileError, match="No space left") as refusal:
-        save_calibration(saved, a_calibration())
+        a_calibration().save(saved)
     assert refusal.value.code == "E9012"
     assert saved.read_bytes() == before
     assert [path.name for path in saved.parent.iterdir()] == ["actuator.toml"]
     with pytest.raises(RunFileError):
-        save_calibration(saved / "c.toml", a_calibration())  # a file is in the way of the folder
+        a_calibration().save(saved / "c.toml")  # a file is in the way of the folder
 
 
 def test_the_nearest_word_decides_which_file_is_used(tmp_path: Path) -> None:
@@ -242,7 +240,7 @@ def test_the_nearest_word_decides_which_file_is_used(tmp_path: Path) -> None:
     assert kept_path("calibration", "a/../b", environ).parent == own.parent
     assert kept_path("calibration", "SIM-7", {}).parts[-3:] == ("edmctl", "calibration", "SIM-7.toml")
     assert find_kept("calibration", environ, None, "SIM-7") is None
-    save_calibration(own, a_calibration())
+    a_calibration().save(own)
     asked, setup, option = environ | {"EDMCTL_CALIBRATION": "/environ.toml"}, "/setup.toml", Path("/o.toml")
     assert find_kept("calibration", environ, None, "SIM-8") is None
     assert find_kept("calibration", environ, None, "SIM-7") == own

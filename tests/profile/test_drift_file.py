@@ -19,8 +19,6 @@ from edmctl.profile.drift_file import (
     MadeBy,
     Measured,
     Used,
-    load_drift,
-    save_drift,
 )
 from edmctl.profile.folders import kept_path
 from edmctl.profile.hashed_file import HASH, content_hash
@@ -68,8 +66,8 @@ def made(serial: str = "SIM-7", days: float = 0.0) -> DriftFile:
 
 def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / "own" / "drift.toml"
-    save_drift(path, made())
-    found = load_drift(path)
+    made().save(path)
+    found = DriftFile.load(path)
     assert found.table() == made().table() | {"made": found.made.model_dump()}
     assert found.model().share == 1.0 / 3.0
     np.testing.assert_array_equal(found.model().creep, made().model().creep)
@@ -78,13 +76,13 @@ def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
 def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(RunFileError) as refused:
-        save_drift(tmp_path / "file" / "drift.toml", made())
+        made().save(tmp_path / "file" / "drift.toml")
     assert refused.value.code == "E9013"
 
 
 def edited(path: Path, change: Callable[[dict[str, Any]], None], *, hashed: bool = True) -> str:
     """Change a saved file, with a hash that goes with it or not; the code of the refusal."""
-    save_drift(path, made())
+    made().save(path)
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     stated = table.pop(HASH)
     change(table)
@@ -92,7 +90,7 @@ def edited(path: Path, change: Callable[[dict[str, Any]], None], *, hashed: bool
         tomli_w.dumps({HASH: content_hash(table) if hashed else stated, **table}), encoding="utf-8"
     )
     with pytest.raises(RecordError) as refused:
-        load_drift(path)
+        DriftFile.load(path)
     assert refused.value.hint
     return refused.value.code
 
@@ -131,8 +129,8 @@ def test_shares_end_at_0_and_1(tmp_path: Path, touch_um_per_s: float, share: flo
     measured = file.measured.model_copy(update={"touch_um_per_s": touch_um_per_s})
     used = file.used.model_copy(update={"share": share, "apart_u_um_per_s": 0.002})
     file = file.model_copy(update={"measured": measured, "used": used})
-    save_drift(tmp_path / "d.toml", file)
-    assert load_drift(tmp_path / "d.toml").model().share == share
+    file.save(tmp_path / "d.toml")
+    assert DriftFile.load(tmp_path / "d.toml").model().share == share
 
 
 def test_a_file_that_is_edited_incomplete_no_drift_file_or_missing_is_refused(tmp_path: Path) -> None:
@@ -145,15 +143,15 @@ def test_a_file_that_is_edited_incomplete_no_drift_file_or_missing_is_refused(tm
         if text is not None:
             path.write_text(text, encoding="utf-8")
         with pytest.raises(RecordError) as refused:
-            load_drift(path)
+            DriftFile.load(path)
         assert refused.value.code == code
 
 
 def test_a_machine_finds_its_own_file_and_a_fresh_one_only_what_is_named(tmp_path: Path) -> None:
     environ = {"EDMCTL_HOME": str(tmp_path)}
     assert choose_drift(environ, Setup(), "SIM-7").model is None
-    save_drift(kept_path("drift", "SIM-7", environ), made())
-    save_drift(kept_path("drift", "SIM-7", environ, lasting=False), made())
+    made().save(kept_path("drift", "SIM-7", environ))
+    made().save(kept_path("drift", "SIM-7", environ, lasting=False))
     own = choose_drift(environ, Setup(), "SIM-7")
     assert own.model is not None
     assert str(kept_path("drift", "SIM-7", environ)) in own.text
@@ -166,7 +164,7 @@ def test_a_machine_finds_its_own_file_and_a_fresh_one_only_what_is_named(tmp_pat
 
 
 def test_a_setup_names_a_file_beside_it(tmp_path: Path) -> None:
-    save_drift(tmp_path / "drift.toml", made())
+    made().save(tmp_path / "drift.toml")
     setup = tmp_path / "setup.toml"
     setup.write_text('[drift]\nfile = "drift.toml"\n', encoding="utf-8")
     assert choose_drift({}, load_setup(setup), "SIM-7", lasting=False).model is not None
@@ -178,7 +176,7 @@ def test_a_setup_names_a_file_beside_it(tmp_path: Path) -> None:
 )
 def test_files_of_others_do_not_count(tmp_path: Path, serial: str, days: float, code: str) -> None:
     path = tmp_path / "drift.toml"
-    save_drift(path, made(serial, days))
+    made(serial, days).save(path)
     choice = choose_drift({"EDMCTL_DRIFT": str(path)}, Setup(), "SIM-7")
     assert choice.model is None
     (warning,) = choice.warnings
