@@ -56,9 +56,7 @@ class Array(Table):
     """How the places of `[[sites]]` are worked off."""
 
     order: Literal["nearest", "given"] = entry("nearest", "shortest way, or as written")
-    surface: Literal["plane", "pad"] = entry(
-        "plane", "touch three places first and fit a plane, or trust the pad's height"
-    )
+    surface: Literal["plane", "pad"] = entry("plane", "touch three places for a plane, or trust the pad")
 
 
 class PathTable(Table):
@@ -103,17 +101,11 @@ class Meta(Table):
 class Tool(Table):
     """The electrode."""
 
-    id: Name | None = entry(
-        None,
-        "name of this very electrode, whose wear is carried from job to job; "
-        "its material and diameter when not given",
-    )
-    material: Name = entry(
-        ..., "Cu, W, WC, brass, graphite, CuW or steel, or another that nothing is known of"
-    )
+    id: Name | None = entry(None, "this very electrode, whose wear adds up; else material and diameter")
+    material: Name = entry(..., "Cu, W, WC, brass, graphite, CuW, steel, or an unknown one")
     diameter_um: float = entry(..., "diameter, µm", ge=20.0, le=1000.0)
     free_length_um: float = entry(
-        10_000.0, "length out of the holder, µm; recorded, not acted on", ge=500.0, le=20_000.0
+        10_000.0, "out of the holder, µm; recorded, not acted on", ge=500.0, le=20_000.0
     )
     max_wear_um: float = entry(2000.0, "length it may lose in all, µm", gt=0.0, le=20_000.0)
 
@@ -128,42 +120,25 @@ class Work(Table):
 
     material: Name = entry(..., "Cu, steel, Ti-6Al-4V, WC-Co or brass, or another that nothing is known of")
     thickness_um: float = entry(..., "sheet thickness, µm", gt=0.0, le=20_000.0)
-    kind: Literal["blind", "through"] = entry(
-        "blind", 'a blind hole, or one through the sheet (target.kind = "through")'
-    )
+    kind: Literal["blind", "through"] = entry("blind", 'or through the sheet (target.kind = "through")')
     removal_um3_per_uj: float = entry(
-        0.0,
-        "volume removed per discharge energy, until it is measured, µm³/µJ; "
-        "by materials and pulses when not given",
-        gt=0.0,
-        le=10.0,
+        0.0, "volume per energy, µm³/µJ; else by the materials", gt=0.0, le=10.0
     )
-    removal_u_rel: float = entry(
-        0.0,
-        "standard uncertainty of that, relative; by the material when not given [assumed]",
-        gt=0.0,
-        le=1.0,
-    )
-    side_gap_um: float = entry(
-        0.0, "gap between tool and hole wall, µm; by voltage and energy when not given", gt=0.0, le=100.0
-    )
+    removal_u_rel: float = entry(0.0, "its standard uncertainty; else by the material", gt=0.0, le=1.0)
+    side_gap_um: float = entry(0.0, "from tool to wall, µm; else by the pulses", gt=0.0, le=100.0)
 
 
 class Pulse(Table):
     """The pulse generator."""
 
-    mode: Literal["isofrequency", "isopulse"] = entry(
-        "isofrequency", "fixed on-time, or fixed discharge time after ignition"
-    )
+    mode: Literal["isofrequency", "isopulse"] = entry("isofrequency", "fixed on-time, or burning time")
     frequency_hz: float = entry(..., "pulses per second, Hz", ge=100.0, le=50_000.0)
     duty: float = entry(..., "on-time over period", ge=0.05, le=0.85)
     discharge_us: float | None = entry(None, "isopulse only: burning time, µs", gt=0.0, le=5000.0)
     open_voltage_v: float = entry(..., "voltage of the open gap, V", ge=20.0, le=120.0)
     current_a: float = entry(..., "peak current, A", ge=0.01, le=3.0)
     discharge_voltage_v: float = entry(22.0, "plateau of a normal discharge, V", ge=10.0, le=60.0)
-    polarity: Literal["tool-negative", "tool-positive"] = entry(
-        "tool-negative", "the generator is wired by hand; forecasts and the virtual machine go by it"
-    )
+    polarity: Literal["tool-negative", "tool-positive"] = entry("tool-negative", "as the generator is wired")
 
     @property
     def period_s(self) -> float:
@@ -242,37 +217,27 @@ class ThroughTarget(Table):
     """Cut through the sheet, and on until the worn tip has gone through."""
 
     kind: Literal["through"] = entry(..., 'or "depth", or "feed"; with work.kind = "through"')
-    completion_um: float | None = entry(
-        None, "feed after the breakthrough, µm; half the tool's diameter when not given", ge=0.0, le=1000.0
-    )
+    completion_um: float | None = entry(None, "feed after it, µm; else half the diameter", ge=0.0, le=1000.0)
 
 
 class Wear(Table):
     """What is known of tool wear, and how often it is measured."""
 
-    expected_ratio: float = entry(
-        0.0, "wear length per depth; by materials and pulses when not given", ge=0.0, le=5.0
-    )
-    ratio_u_rel: float = entry(
-        0.10, "standard uncertainty of that before it is measured, relative [assumed]", gt=0.0, le=1.0
-    )
+    expected_ratio: float = entry(0.0, "wear length per depth; else by materials and pulses", ge=0.0, le=5.0)
+    ratio_u_rel: float = entry(0.10, "its relative standard uncertainty [assumed]", gt=0.0, le=1.0)
     remeasure: Literal["auto", "sparing", "never"] | Annotated[int, Field(ge=1, le=20)] = entry(
         "auto",
         "auto: as often as the uncertainty of the depth asks for, and at the end of a single hole; "
         "sparing: not there either after a small last cut; never: only at the end; n: n times before",
     )
-    first_fraction: float = entry(
-        0.85, "share of the depth in the first cut, which feeds no further than the depth", ge=0.1, le=1.0
-    )
+    first_fraction: float = entry(0.85, "share of the depth that the first cut feeds at most", ge=0.1, le=1.0)
     max_cuts: int = entry(5, "of a hole; of several regimes, of each", ge=1, le=20)
 
 
 class Jump(Table):
     """Electrode jumps that flush the gap."""
 
-    mode: Literal["off", "fixed", "adaptive"] = entry(
-        "fixed", "adaptive: from period_s down to period_min_s while arcs or shorts ask for it, or rarer"
-    )
+    mode: Literal["off", "fixed", "adaptive"] = entry("fixed", "adaptive: period by arcs and shorts")
     period_s: float = entry(10.0, "from jump to jump, s", ge=0.2, le=600.0)
     period_min_s: float = entry(1.5, "adaptive: shortest period, s", ge=0.2, le=600.0)
     height_um: float = entry(60.0, "retraction, µm", ge=5.0, le=400.0)
@@ -300,15 +265,8 @@ class Adaptive(Table):
     reference_max: float = entry(0.90, "highest servo reference", gt=0.0, lt=1.0)
     duty_step: float = entry(0.20, "share of the duty that is taken off at a time", ge=0.0, lt=1.0)
     duty_min: float = entry(0.10, "lowest duty", ge=0.05, le=0.6)
-    seek_reference: bool = entry(
-        False, "find the servo reference of the most removal during the cut, in any `jump.mode`"
-    )
-    arc_target: float | None = entry(
-        None,
-        "share of arcs that is kept then; where removal is expected to be the most, when not given",
-        gt=0.0,
-        le=0.5,
-    )
+    seek_reference: bool = entry(False, "find the servo reference of the most removal, in any `jump.mode`")
+    arc_target: float | None = entry(None, "share of arcs; else of the most removal", gt=0.0, le=0.5)
 
 
 class Measure(Table):
@@ -322,12 +280,7 @@ class Measure(Table):
     site_dx_um: float = entry(500.0, "from the hole to the pad, µm", ge=0.0, le=50_000.0)
     back_off_um: float = entry(3.0, "retraction between touches, µm", ge=1.0, le=50.0)
     dwell_s: float = entry(0.3, "hunting at contact, s", ge=0.05, le=10.0)
-    expected_gap_um: float = entry(
-        0.0,
-        "working gap assumed until the first cut was measured, µm; by the pulses when not given",
-        ge=0.5,
-        le=20.0,
-    )
+    expected_gap_um: float = entry(0.0, "gap until it is measured, µm; else by the pulses", ge=0.5, le=20.0)
 
 
 class Limits(Table):
@@ -352,9 +305,7 @@ class Log(Table):
     """What the run file holds."""
 
     servo_hz: float = entry(100.0, "samples of voltage and displacement, Hz", ge=1.0, le=1000.0)
-    pulses: Literal["blocks", "full", "off"] = entry(
-        "blocks", "counts per block of pulses, every pulse, or neither"
-    )
+    pulses: Literal["blocks", "full", "off"] = entry("blocks", "counts per block, every pulse, or none")
 
 
 class Regime(Table):
@@ -365,9 +316,7 @@ class Regime(Table):
     current_a: float | None = entry(None, "peak current, A", ge=0.01, le=3.0)
     frequency_hz: float | None = entry(None, "pulses per second, Hz", ge=100.0, le=50_000.0)
     duty: float | None = entry(None, "on-time over period", ge=0.05, le=0.85)
-    reference: float | None = entry(
-        None, "of the servo: mean gap voltage over its open value", gt=0.0, lt=1.0
-    )
+    reference: float | None = entry(None, "of the servo, over its open value", gt=0.0, lt=1.0)
 
 
 class Profile(Table):
@@ -404,32 +353,17 @@ class SimSettings(Table):
     magnitude after Muralidhara et al. 2009; the rest is fitted so that its holes come out.
     """
 
-    work_removal: float | None = entry(
-        None, "removal of the work over that of copper; else by its material", gt=0.0, le=100.0
-    )
-    tool_wear: float | None = entry(
-        None, "wear of the tool over that of copper; else by its material", ge=0.0, le=100.0
-    )
+    work_removal: float | None = entry(None, "of the work over copper; else by material", gt=0.0, le=100.0)
+    tool_wear: float | None = entry(None, "of the tool over copper; else by material", ge=0.0, le=100.0)
     controller: Literal["firmware", "firmware-float", "stm32"] = entry(
         "firmware", "what drives it: the firmware's core, that in a board's arithmetic, or a board's image"
     )
-    spread: float = entry(
-        0.03, "relative sd by which every machine differs from the figures below", ge=0.0, le=0.5
-    )
-    sensor_gain_sd: float | None = entry(
-        None, "sd of the draw of the sensor's gain, relative; else by the setup", ge=0.0, le=0.2
-    )
-    sensor_drift_sd_um_s: float | None = entry(
-        None, "sd of the draw of its steady drift, µm/s; else by the setup", ge=0.0, le=1.0
-    )
-    machine_drift_sd_um_s: float = entry(
-        0.0, "the same of the work against the tool, which no sensor sees, µm/s", ge=0.0, le=1.0
-    )
+    spread: float = entry(0.03, "relative sd of the figures below from machine to machine", ge=0.0, le=0.5)
+    sensor_gain_sd: float | None = entry(None, "sd of the sensor's gain; else by the setup", ge=0.0, le=0.2)
+    sensor_drift_sd_um_s: float | None = entry(None, "of its drift, µm/s; else by the setup", ge=0.0, le=1.0)
+    machine_drift_sd_um_s: float = entry(0.0, "sd of a drift that no sensor sees, µm/s", ge=0.0, le=1.0)
     tilt_sd_mrad: float | None = entry(
-        None,
-        "sd of the draw of the slope of the work, along x and y, mrad; else by the setup",
-        ge=0.0,
-        le=50.0,
+        None, "sd of the work's slopes, mrad; else by the setup", ge=0.0, le=50.0
     )
     discharge_v: float = entry(22.0, "plateau of a normal discharge, V", gt=0.0, le=100.0)
     arc_v: float = entry(17.0, "plateau of an arc, V", gt=0.0, le=100.0)
@@ -472,9 +406,7 @@ class SimSettings(Table):
     particle_um: float = entry(0.9, "particles of a pulse of 344 µJ, µm", gt=0.0, le=50.0)
     side_per_voltage_um: float = entry(4.0, "gap at the wall by 40 V, µm", ge=0.0, le=100.0)
     side_per_energy_um: float = entry(4.0, "and by a pulse of 344 µJ, µm", ge=0.0, le=100.0)
-    tip_rounding_um: float = entry(
-        0.0, "rounding of the tool's rim: how far its edge lies behind its tip, µm", ge=0.0, le=100.0
-    )
+    tip_rounding_um: float = entry(0.0, "how far the tool's edge is behind its tip, µm", ge=0.0, le=100.0)
 
 
 class ProfileFile(Profile):

@@ -65,26 +65,14 @@ class Drift(Table):
     """What `edmctl measure-drift` does, and whether jobs are corrected by its file."""
 
     use: bool = entry(True, "false: jobs correct nothing, whatever was measured")
-    file: FileName | None = entry(
-        None, "what was measured, relative to the setup file; else the machine's own"
-    )
+    file: FileName | None = entry(None, "of measure-drift, relative to this file; else the machine's")
     max_age_days: float = entry(30.0, "older than this it counts no more, days", gt=0.0, le=3650.0)
-    apart_u_um_per_s: float = entry(
-        0.0001,
-        "standard uncertainty of a drift between tool and work on another day, µm/s [assumed]",
-        ge=0.0,
-        le=1.0,
-    )
+    apart_u_um_per_s: float = entry(0.0001, "of a drift that touches see, µm/s [assumed]", ge=0.0, le=1.0)
     duration_s: float = entry(900.0, "touches and rests, hold included, s", ge=300.0, le=14_400.0)
     interval_s: float = entry(60.0, "from touch to touch, s", ge=20.0, le=600.0)
     hold_um: float = entry(250.0, "depth of the hold between them, µm", ge=20.0, le=1000.0)
     hold_s: float = entry(300.0, "its time, s", ge=30.0, le=7200.0)
-    walk_um_per_sqrt_s: float = entry(
-        0.008,
-        "random walk of the sensor's zero besides its steady drift, µm per square root of a second",
-        ge=0.0,
-        le=10.0,
-    )
+    walk_um_per_sqrt_s: float = entry(0.008, "random walk of the sensor's zero, µm/√s", ge=0.0, le=10.0)
 
 
 class Surface(Table):
@@ -110,9 +98,7 @@ class Stage(Table):
     y_max_um: Coordinate = entry(ASSUMED_TRAVEL_UM, "greatest y within travel, µm")
     speed_um_s: float = entry(1000.0, "travel, µm/s", gt=0.0, le=1e6)
     rotary_deg_s: float = entry(10.0, "turning of the rotary table, degrees/s", gt=0.0, le=1000.0)
-    repeatability_um: float = entry(
-        1.0, "coming back to a place, ±2 standard deviations, µm", ge=0.0, le=100.0
-    )
+    repeatability_um: float = entry(1.0, "of a place, ±2 standard deviations, µm", ge=0.0, le=100.0)
 
 
 class Controller(Table):
@@ -128,9 +114,7 @@ class Controller(Table):
     latency: int = entry(1, "decisions from reading to command", ge=0, le=50)
     actuator_lag_s: float = entry(0.002, "of amplifier and actuator, s", ge=0.0, le=1.0)
     watchdog_s: float = entry(0.25, "silence of the host that stops the machine, s", ge=0.1, le=1.0)
-    telemetry_hz: float = entry(
-        1000.0, "samples sent to the host, Hz; at most one per tick of 1 ms", ge=10.0, le=1000.0
-    )
+    telemetry_hz: float = entry(1000.0, "samples sent to the host, Hz; 1000 at most", ge=10.0, le=1000.0)
 
     @property
     def servo_period_s(self) -> float:
@@ -142,19 +126,13 @@ class Link(Table):
     """The serial line to the controller."""
 
     baud: int = entry(500_000, "of a UART; USB ignores it", ge=9600, le=10_000_000)
-    hello_s: float = entry(
-        1.5, "longest wait for the answer to HELLO: boards reset when opened, s", ge=0.1, le=30.0
-    )
+    hello_s: float = entry(1.5, "longest wait for HELLO: boards reset when opened, s", ge=0.1, le=30.0)
     usb_ids: list[str] = entry(
         ["2341:0042", "2341:0010", "1a86:7523"],
         "VID:PID of boards that `auto` may ask (Arduino Mega 2560, CH340)",
     )
-    candidates: list[str] = entry(
-        [], "further ports that `auto` and `serial:ID` may ask, such as a UART header"
-    )
-    secret_file: FileName | None = entry(
-        None, "file with the secret that a socket of another computer asks for, relative to the setup file"
-    )
+    candidates: list[str] = entry([], "further ports that `auto` and `serial:ID` may ask")
+    secret_file: FileName | None = entry(None, "secret of a socket, relative to the setup file")
 
 
 class Setup(Table):
