@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -26,52 +26,47 @@ MEAN_DEPTH_SHARE = 1.0 / math.sqrt(3.0)
 
 
 class Erodes(NamedTuple):
-    """Erosion over that of copper, and its relative standard uncertainty."""
+    """Erosion over that of copper, and its relative standard uncertainty; by default of an unknown material."""
 
-    factor: float = 1.0  # nothing is known of the material: as copper, or anything
+    factor: float = 1.0
     u_rel: float = 0.5
 
 
 def of_tool(profile: Profile) -> Erodes:
     """How the tool wears."""
-    found = material(profile.tool.material)
-    return Erodes() if found is None or found.wear is None else Erodes(found.wear, found.u_rel)
+    known = material(profile.tool.material)
+    return Erodes() if known is None or known.wear is None else Erodes(known.wear, known.u_rel)
 
 
 def of_work(profile: Profile) -> Erodes:
     """How the work is removed."""
-    found = material(profile.work.material)
-    return Erodes() if found is None or found.removal is None else Erodes(found.removal, found.u_rel)
+    known = material(profile.work.material)
+    return Erodes() if known is None or known.removal is None else Erodes(known.removal, known.u_rel)
 
 
 def gap_recipe(profile: Profile, depth_um: float) -> GapRecipe:
-    """Return what of a profile the gap depends on."""
-    pulse = profile.pulse
+    """Return what of a profile the gap depends on; each jump dilutes the oil in the gap and its annulus."""
+    pulse, jump, diameter_um = profile.pulse, profile.jump, profile.tool.diameter_um
+    jump_clearing_hz = 0.0
+    if jump.mode != "off":
+        tool_um2 = tool_area_um2(diameter_um)
+        annulus_um2 = hole_area_um2(diameter_um, expected_side_gap_um(profile)) - tool_um2
+        strokes = tool_um2 * jump.height_um / (annulus_um2 * depth_um + 3.0 * tool_um2)
+        jump_clearing_hz = -math.expm1(-strokes) / jump.period_s
     return GapRecipe(
         on_time_us=pulse.on_time_us,
         off_time_us=pulse.off_time_us,
         open_voltage_v=pulse.open_voltage_v,
         current_a=pulse.current_a,
         level_s=profile.servo.reference,
-        diameter_um=profile.tool.diameter_um,
+        diameter_um=diameter_um,
         discharge_voltage_v=pulse.discharge_voltage_v,
         longest_us=pulse.burning_time_us,
         tool_negative=pulse.polarity == "tool-negative",
         work_removal=of_work(profile).factor,
         tool_wear=of_tool(profile).factor,
-        jump_clearing_hz=_jump_clearing_hz(profile, depth_um),
+        jump_clearing_hz=jump_clearing_hz,
     )
-
-
-def _jump_clearing_hz(profile: Profile, depth_um: float) -> float:
-    """Return how often jumps replace the oil in the gap: each dilutes the gap and its annulus."""
-    jump = profile.jump
-    if jump.mode == "off":
-        return 0.0
-    tool_um2 = tool_area_um2(profile.tool.diameter_um)
-    annulus_um2 = hole_area_um2(profile.tool.diameter_um, expected_side_gap_um(profile)) - tool_um2
-    strokes = tool_um2 * jump.height_um / (annulus_um2 * depth_um + 3.0 * tool_um2)
-    return -math.expm1(-strokes) / jump.period_s
 
 
 def expected_gap(profile: Profile, depth_um: float) -> SteadyGap:
@@ -102,23 +97,18 @@ def expected_wear_ratio(profile: Profile, depth_um: float, side_um: float) -> fl
 def with_expected_erosion(profile: Profile) -> Profile:
     """Return a copy with unstated removal, wear and gaps as expected of materials and pulses."""
     depth_um = usual_depth_um(profile)
-    gap = expected_gap(profile, depth_um)
+    gap, side_um = expected_gap(profile, depth_um), expected_side_gap_um(profile)
     work_u_rel = math.hypot(LAW_U_REL, of_work(profile).u_rel)
-    filled = _filled(
-        profile,
-        "work",
-        removal_um3_per_uj=gap.removal_um3_per_uj,
-        removal_u_rel=work_u_rel,
-        side_gap_um=expected_side_gap_um(profile),
-    )
+    work = {"removal_um3_per_uj": gap.removal_um3_per_uj, "removal_u_rel": work_u_rel, "side_gap_um": side_um}
+    filled = _filled(_filled(profile, "work", work), "measure", {"expected_gap_um": gap.gap_um})
     if "expected_ratio" not in profile.wear.model_fields_set:
         ratio = expected_wear_ratio(profile, depth_um, filled.work.side_gap_um)
         ratio_u_rel = math.hypot(work_u_rel, of_tool(profile).u_rel)
-        filled = _filled(filled, "wear", expected_ratio=ratio, ratio_u_rel=ratio_u_rel)
-    return _filled(filled, "measure", expected_gap_um=gap.gap_um)
+        filled = _filled(filled, "wear", {"expected_ratio": ratio, "ratio_u_rel": ratio_u_rel})
+    return filled
 
 
-def _filled(profile: Profile, table: str, **values: float) -> Profile:
+def _filled(profile: Profile, table: str, values: Mapping[str, float]) -> Profile:
     given = getattr(profile, table).model_fields_set
     return profile.having(table, **{key: value for key, value in values.items() if key not in given})
 
@@ -186,52 +176,50 @@ def recipes_of(profile: Profile, depth_um: float | None = None) -> list[Recipe]:
     if not profile.regimes or profile.target.kind != "depth":
         return [Recipe("", 0.0, usual_depth_um(profile), profile)]
     whole_um = usual_depth_um(profile) if depth_um is None else depth_um
-    ends = [*accumulate(regime.share for regime in profile.regimes)]
-    found, from_um = [], 0.0
-    for regime, end in zip(profile.regimes, ends, strict=True):
+    recipes, from_um = list[Recipe](), 0.0
+    for regime, end in zip(profile.regimes, accumulate(one.share for one in profile.regimes), strict=True):
         is_last = regime is profile.regimes[-1]
         to_um = whole_um if is_last else whole_um * end
         tolerance_um = max(profile.target.tolerance_um, 0.0 if is_last else STAGE_TOLERANCE * to_um)
         own = in_regime(profile, regime).having("target", depth_um=to_um, tolerance_um=tolerance_um)
         if own.wear.remeasure == "sparing" and not is_last:  # the next regime starts from a touched bottom
             own = own.having("wear", remeasure="auto")
-        found.append(Recipe(regime.name, from_um, to_um, own))
+        recipes.append(Recipe(regime.name, from_um, to_um, own))
         from_um = to_um
-    return found
+    return recipes
 
 
 def ra_of_regimes_um(recipes: Sequence[Recipe]) -> float:
-    """Roughness Ra of the floor that these regimes leave, one after the other.
+    """Roughness Ra of the floor after these regimes, one after the other.
 
     A thin last one leaves some of the craters before it: a floor shows those of its last µm (`SURFACE_UM`).
     """
     end_um, craters, arcs, whole = recipes[-1].to_um, 0.0, 0.0, 0.0
     for recipe in recipes:
-        ends = [math.exp((depth_um - end_um) / SURFACE_UM) for depth_um in (recipe.to_um, recipe.from_um)]
-        left = ends[0] - ends[1]
-        gap = expected_gap(recipe.profile, recipe.to_um)
-        craters += left * gap.crater_um3
-        arcs += left * gap.arc_share / gap.spark_share
-        whole += left
+        to, since = (math.exp((um - end_um) / SURFACE_UM) for um in (recipe.to_um, recipe.from_um))
+        share, gap = to - since, expected_gap(recipe.profile, recipe.to_um)
+        craters += share * gap.crater_um3
+        arcs += share * gap.arc_share / gap.spark_share
+        whole += share
     return roughness_ra_um(craters / whole, arcs / whole)
 
 
 def with_regimes(profile: Profile) -> Profile:
-    """Fill in what regimes leave to the profile, so that each stands for itself."""
-    pulse, reference = profile.pulse, profile.servo.reference
-    if profile.adaptive.seek_reference:
-        reference = math.nan
-    whole = {
+    """Fill in what regimes leave to the profile, so that each is complete."""
+    if not profile.regimes:
+        return profile
+    pulse = profile.pulse
+    whole: dict[str, float | None] = {
         "current_a": pulse.current_a,
         "frequency_hz": pulse.frequency_hz,
         "duty": pulse.duty,
-        "reference": None if math.isnan(reference) else reference,
+        "reference": None if profile.adaptive.seek_reference else profile.servo.reference,
     }
     filled = [
         regime.model_copy(update={key: getattr(regime, key) or value for key, value in whole.items()})
         for regime in profile.regimes
     ]
-    return profile.model_copy(update={"regimes": filled}) if filled else profile
+    return profile.model_copy(update={"regimes": filled})
 
 
 def in_pulses(profile: Profile, regime: Regime) -> Profile:

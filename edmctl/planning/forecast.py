@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import accumulate
+from typing import Any
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.planning.channel import Channel
@@ -45,31 +46,6 @@ STROKE_RESERVE_UM = 15.0  # stroke kept free beyond the job, for creep and retra
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
-    """What a job adds up to.
-
-    cuts, stops : passes of a channel; how often it measures
-    deepest : the deepest hole, or the channel
-    lowest_um, reaches_um : lowest place of the new tool's tip below the surface, of the job and hole by hole
-    depth_u95_um : half the 95 % interval of the depth that is known least in the end; NaN without a depth target
-    """
-
-    machining_s: float
-    measuring_s: float
-    cuts: int
-    stops: int
-    holes: int
-    deepest: Hole
-    lowest_um: float
-    tool_wear_um: float
-    depth_min_um: float
-    reaches_um: tuple[float, ...] = ()
-    channel_um: float = 0.0
-    layers: int = 0
-    depth_u95_um: float = math.nan
-
-
-@dataclass(frozen=True, slots=True)
 class Reached:
     """How deep an earlier run has made a hole, by its name, or the channel."""
 
@@ -104,34 +80,59 @@ class _Visit:
     cuts: list[Cut]
 
 
-def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place], reached: Reached) -> Course:
+def _holes_course(
+    profile: Profile, setup: Setup, places: Sequence[Place], reached: Reached
+) -> tuple[Hole, dict[str, Any]]:
+    """Return the deepest hole, and values of the forecast."""
     ordered = working_order(profile, setup, places)
     stands = ordered or [Place(reached.site, *beside_pad_um(profile, setup))]
     plane = len(ordered) >= PLANE_TOUCHES and profile.array.surface == "plane"
     holes = [hole(profile, place.depth_um) for place in stands]
-    cuts = _planned(profile, setup, holes, stands, plane=plane)
-    done_um = [reached.depth_um if place.name == reached.site else 0.0 for place in stands]
-    done = [
-        replace(one, depth_um=um, wear_um=one.wear_um * um / one.depth_um, completion_um=0.0)
-        for one, um in zip(holes, done_um, strict=True)
-    ]
-    worn_um = list(accumulate((one.wear_um for one in holes), initial=0.0))[:-1]
-    left = [_after(whole, before.feed_um) for whole, before in zip(cuts, done, strict=True)]
-    visits = list(map(_Visit, stands, holes, done, worn_um, left))
-    reaches_um = tuple(one.worn_um + one.hole.feed_um for one in visits)
-    return Course(
-        machining_s=math.fsum(hole_time_s(profile, one.hole, one.done.depth_um) for one in visits),
-        measuring_s=_measuring_s(profile, setup, visits, plane=plane),
-        cuts=sum(map(len, left)),
-        stops=sum(cut.measured for planned in left for cut in planned),
-        holes=len(holes),
-        deepest=max(holes, key=lambda one: one.depth_um),
-        lowest_um=max(reaches_um),
-        tool_wear_um=list(accumulate(one.hole.wear_um - one.done.wear_um for one in visits))[-1],
-        depth_min_um=min(one.depth_um for one in holes),
-        reaches_um=reaches_um,
-        depth_u95_um=max(planned[-1].depth_u95_um for planned in cuts),
-    )
+    all_cuts = _planned(profile, setup, holes, stands, plane=plane)
+    visits, worn_um = list[_Visit](), 0.0
+    for stand, one, cuts in zip(stands, holes, all_cuts, strict=True):
+        done_um = reached.depth_um if stand.name == reached.site else 0.0
+        done = Hole(done_um, one.wear_um * done_um / one.depth_um)
+        visits.append(_Visit(stand, one, done, worn_um, _after(cuts, done.feed_um)))
+        worn_um += one.wear_um
+    deepest = max(holes, key=lambda one: one.depth_um)
+    available_um, own_um = stroke_available_um(profile, setup), profile.approach.offset_um + STROKE_RESERVE_UM
+    reaches_um = [one.worn_um + one.hole.feed_um for one in visits]
+    fits = [reach_um + own_um <= available_um for reach_um in reaches_um]
+    return deepest, {
+        "machining_time_s": math.fsum(hole_time_s(profile, one.hole, one.done.depth_um) for one in visits),
+        "measuring_time_s": _measuring_s(profile, setup, visits, plane=plane),
+        "cuts": sum(len(one.cuts) for one in visits),
+        "stops": sum(cut.measured for one in visits for cut in one.cuts),
+        "holes": len(holes),
+        "holes_in_reach": fits.index(False) if False in fits else len(fits),
+        "stroke_um": profile.approach.offset_um + max(reaches_um) + STROKE_RESERVE_UM,
+        "tool_wear_um": list(accumulate(one.hole.wear_um - one.done.wear_um for one in visits))[-1],
+        "depth_min_um": min(one.depth_um for one in holes),
+        "depth_u95_um": max(cuts[-1].depth_u95_um for cuts in all_cuts),
+        "channel_um": 0.0,
+        "layers": 0,
+    }
+
+
+def _channel_course(whole: Channel, setup: Setup, reached_um: float) -> tuple[Hole, dict[str, Any]]:
+    """Return the channel as a hole, and values of the forecast."""
+    done = min(whole.layers - 1, int(reached_um / whole.depth_um * whole.layers))
+    passes, lowest_um = whole.passes(setup, done), whole.depth_um + whole.wear_um
+    return Hole(whole.depth_um, whole.wear_um), {
+        "machining_time_s": passes * whole.pass_time_s,
+        "measuring_time_s": whole.measuring_s(setup, done),
+        "cuts": passes,
+        "stops": sum(layer > done for layer in whole.stops_after(setup)),
+        "holes": 0,
+        "holes_in_reach": 0,
+        "stroke_um": whole.profile.approach.offset_um + lowest_um + STROKE_RESERVE_UM,
+        "tool_wear_um": whole.wear_um * (1.0 - done / whole.layers),
+        "depth_min_um": whole.depth_um,
+        "depth_u95_um": channel_depth_u95_um(setup, whole.depth_um),
+        "channel_um": whole.length_um,
+        "layers": whole.layers,
+    }
 
 
 def _planned(
@@ -142,11 +143,11 @@ def _planned(
     away_um = [math.hypot(stand.x_um - pad.x_um, stand.y_um - pad.y_um) for stand in stands]
     if not profile.regimes:
         return planned_cuts(profile, setup, holes, away_um, plane=plane)
-    of_regimes = [
+    of_regimes = (
         planned_cuts(one.profile, setup, [Hole(one.depth_um, one.wear_um)], away_um, plane=False)[0]
         for one in recipes_of(profile)
-    ]
-    return [[cut for whole in of_regimes for cut in whole]]
+    )
+    return [[cut for cuts in of_regimes for cut in cuts]]
 
 
 def _measuring_s(profile: Profile, setup: Setup, visits: Sequence[_Visit], *, plane: bool) -> float:
@@ -175,21 +176,37 @@ def _measuring_s(profile: Profile, setup: Setup, visits: Sequence[_Visit], *, pl
     return total_s
 
 
+def _plane_time_s(profile: Profile, setup: Setup, stands: Sequence[Place]) -> float:
+    """Return the time of touching three places of an array, as far apart as any two, before it is machined."""
+    # The way between two places is a sum of absolute differences: the longest joins the ends of a diagonal.
+    stage = setup.stage
+    diagonals_s = [
+        [
+            (one.x_um + y * one.y_um) / stage.speed_um_s + turn * one.theta_deg / stage.rotary_deg_s
+            for one in stands
+        ]
+        for y in (1.0, -1.0)
+        for turn in (1.0, -1.0)
+    ]
+    move_s = move_time_s(0.0, setup) + max(max(along_s) - min(along_s) for along_s in diagonals_s)
+    return PLANE_TOUCHES * (move_s + face_time_s(profile, profile.approach.offset_um))
+
+
 def is_tilt_limited(setup: Setup, stand: Place, known: Sequence[Place]) -> bool:
-    """Whether the face is touched at a place before its hole: it lies too far from where the face is known."""
+    """Whether the face is touched at a place before its hole: it is too far from where the face is known."""
     away_um = min(math.hypot(stand.x_um - one.x_um, stand.y_um - one.y_um) for one in known)
     return 1e-3 * setup.surface.tilt_u_mrad * away_um > FACE_LIMIT_UM
 
 
 def _after(cuts: Sequence[Cut], feed_um: float) -> list[Cut]:
     """Return the cuts that remain after a feed; always the last one, whose bottom is measured."""
-    left = []
+    after = []
     for cut in cuts:
         remaining_um = max(0.0, cut.feed_um - feed_um)
         if remaining_um > 0.0 or cut is cuts[-1]:
-            left.append(replace(cut, feed_um=remaining_um))
+            after.append(replace(cut, feed_um=remaining_um))
         feed_um = max(0.0, feed_um - cut.feed_um)
-    return left
+    return after
 
 
 def hole_time_s(profile: Profile, one: Hole, reached_um: float = 0.0) -> float:
@@ -209,69 +226,9 @@ def hole_time_s(profile: Profile, one: Hole, reached_um: float = 0.0) -> float:
 
 def regime_time_s(recipe: Recipe, reached_um: float = 0.0) -> float:
     """Return the machining time of one regime from a depth of the hole on, s."""
-    profile = recipe.profile
-    rate_um_s = feed_rate_um_s(profile, recipe.to_um) * machining_share(profile)
+    rate_um_s = feed_rate_um_s(recipe.profile, recipe.to_um) * machining_share(recipe.profile)
     remaining = min(1.0, max(0.0, (recipe.to_um - reached_um) / recipe.depth_um))
     return remaining * (recipe.depth_um + recipe.wear_um) / rate_um_s
-
-
-def _regimes(profile: Profile) -> tuple[RegimeForecast, ...]:
-    recipes = recipes_of(profile) if profile.regimes else []
-    return tuple(
-        RegimeForecast(
-            name=recipe.name,
-            depth_um=recipe.to_um,
-            machining_time_s=regime_time_s(recipe),
-            wear_um=recipe.wear_um,
-            ra_um=ra_of_regimes_um(recipes[: number + 1]),
-        )
-        for number, recipe in enumerate(recipes)
-    )
-
-
-def _channel_course(whole: Channel, setup: Setup, reached_um: float) -> Course:
-    done = min(whole.layers - 1, int(reached_um / whole.depth_um * whole.layers))
-    passes = whole.passes(setup, done)
-    return Course(
-        machining_s=passes * whole.pass_time_s,
-        measuring_s=whole.measuring_s(setup, done),
-        cuts=passes,
-        stops=len([layer for layer in whole.stops_after(setup) if layer > done]),
-        holes=0,
-        deepest=Hole(whole.depth_um, whole.wear_um),
-        lowest_um=whole.depth_um + whole.wear_um,
-        tool_wear_um=whole.wear_um * (1.0 - done / whole.layers),
-        depth_min_um=whole.depth_um,
-        channel_um=whole.length_um,
-        layers=whole.layers,
-        depth_u95_um=channel_depth_u95_um(setup, whole.depth_um),
-    )
-
-
-def _plane_time_s(profile: Profile, setup: Setup, stands: Sequence[Place]) -> float:
-    """Return the time of touching three places of an array, as far apart as any two, before it is machined."""
-    # The way between two places is a sum of absolute differences: the longest joins the ends of a diagonal.
-    stage = setup.stage
-    diagonals_s = [
-        [
-            (one.x_um + y * one.y_um) / stage.speed_um_s + turn * one.theta_deg / stage.rotary_deg_s
-            for one in stands
-        ]
-        for y in (1.0, -1.0)
-        for turn in (1.0, -1.0)
-    ]
-    move_s = move_time_s(0.0, setup) + max(max(along_s) - min(along_s) for along_s in diagonals_s)
-    return PLANE_TOUCHES * (move_s + face_time_s(profile, profile.approach.offset_um))
-
-
-def _rates(profile: Profile, deepest: Hole) -> tuple[float, float]:
-    """Removal while sparking, µm³/s, and pulses per second of machining; of several regimes on average."""
-    if not profile.regimes:
-        return removal_um3_s(profile, deepest.depth_um), profile.pulse.frequency_hz
-    timed = [(regime_time_s(one), one.profile.pulse.frequency_hz) for one in recipes_of(profile)]
-    frequency_hz = math.fsum(t_s * hz for t_s, hz in timed) / math.fsum(t_s for t_s, _ in timed)
-    area_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
-    return deepest.depth_um * area_um2 / hole_time_s(profile, deepest), frequency_hz
 
 
 def forecast(
@@ -285,30 +242,42 @@ def forecast(
     Machining time follows the mean-voltage law of the pulse process (see `edmctl.process.discharge`) and counts
     jumps; measuring time counts conditioning, approaches, touches and stage moves.
     """
-    reached = reached or Reached()
+    reached, recipes = reached or Reached(), recipes_of(profile)
     if profile.path is not None:
-        course = _channel_course(Channel(profile, profile.path), setup, reached.depth_um)
+        deepest, course = _channel_course(Channel(profile, profile.path), setup, reached.depth_um)
     else:
-        course = _holes_course(profile, setup, places, reached)
-    deepest, available_um = course.deepest, stroke_available_um(profile, setup)
-    reserve_um = profile.approach.offset_um + STROKE_RESERVE_UM
-    fits = [reach_um + reserve_um <= available_um for reach_um in course.reaches_um]
-    cycle = servo_swing(profile, setup)
-    regimes, recipes = _regimes(profile), recipes_of(profile)
-    ra_um = regimes[-1].ra_um if regimes else expected_ra_um(profile, deepest.depth_um)
-    removed_um3_s, frequency_hz = _rates(profile, deepest)
+        deepest, course = _holes_course(profile, setup, places, reached)
+    cycle, regimes = servo_swing(profile, setup), tuple[RegimeForecast, ...]()
+    if profile.regimes:
+        regimes = tuple(
+            RegimeForecast(
+                name=recipe.name,
+                depth_um=recipe.to_um,
+                machining_time_s=regime_time_s(recipe),
+                wear_um=recipe.wear_um,
+                ra_um=ra_of_regimes_um(recipes[: number + 1]),
+            )
+            for number, recipe in enumerate(recipes)
+        )
+        ra_um, whole_s = regimes[-1].ra_um, math.fsum(one.machining_time_s for one in regimes)
+        pulses = math.fsum(
+            one.machining_time_s * recipe.profile.pulse.frequency_hz
+            for one, recipe in zip(regimes, recipes, strict=True)
+        )
+        frequency_hz = pulses / whole_s
+        area_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
+        removed_um3_s = deepest.depth_um * area_um2 / whole_s
+    else:
+        ra_um, frequency_hz = expected_ra_um(profile, deepest.depth_um), profile.pulse.frequency_hz
+        removed_um3_s = removal_um3_s(profile, deepest.depth_um)
     return Forecast(
-        machining_time_s=course.machining_s,
-        measuring_time_s=course.measuring_s,
-        time_s=course.machining_s + course.measuring_s,
-        cuts=course.cuts,
+        **course,
+        time_s=course["machining_time_s"] + course["measuring_time_s"],
         feed_rate_um_s=feed_rate_um_s(profile, deepest.depth_um),
         feed_um=deepest.feed_um,
         depth_um=deepest.depth_um,
-        depth_min_um=course.depth_min_um,
         wear_um=deepest.wear_um,
-        stroke_um=profile.approach.offset_um + course.lowest_um + STROKE_RESERVE_UM,
-        stroke_available_um=available_um,
+        stroke_available_um=stroke_available_um(profile, setup),
         loop_delay_s=cycle.loop_delay_s,
         limit_cycle_um=cycle.half_amplitude_um,
         limit_cycle_period_s=cycle.period_s,
@@ -318,14 +287,7 @@ def forecast(
         ),
         mrr_mm3_min=mrr_mm3_min(removed_um3_s),
         jump_share=time_share_of_jumps(profile),
-        pulses=round(course.machining_s * frequency_hz),
-        holes=course.holes,
-        holes_in_reach=fits.index(False) if False in fits else len(fits),
-        stops=course.stops,
-        tool_wear_um=course.tool_wear_um,
-        channel_um=course.channel_um,
-        layers=course.layers,
-        depth_u95_um=course.depth_u95_um,
+        pulses=round(course["machining_time_s"] * frequency_hz),
         side_gap_um=profile.work.side_gap_um,
         ra_um=ra_um,
         rz_um=roughness_rz_um(ra_um),
@@ -335,7 +297,7 @@ def forecast(
 
 @dataclass(frozen=True)
 class Job:
-    """A job to be checked. Its forecast needs nearly every value of the profile, so only who asks makes one."""
+    """A job to be checked. Its forecast needs nearly every value of the profile, so it is made on demand."""
 
     profile: Profile
     setup: Setup
