@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from edmctl.errors import Diagnostic, Location
+from edmctl.errors import Diagnostic
 from edmctl.failures import Code
 from edmctl.profile.positions import KeyPath, Sources, TomlTable
 from edmctl.profile.read import dotted
-from edmctl.profile.tables import (
-    accepts,
-    keys_at,
-    keys_of_kind,
-    lists_tables,
-    nearest,
-    permitted_at,
-    table_with_key,
-)
+from edmctl.profile.tables import accepts, keys_at, lists_tables, nearest, permitted_at
 from edmctl.profile.units import NO_UNIT, Unit, converted, others, quantity, split
 from edmctl.toml_text import toml_value
 from edmctl.wording import shortened
@@ -28,8 +21,6 @@ if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
 
-_NUMBERS = "greater_than greater_than_equal less_than less_than_equal finite_number too_small_to_divide_by"
-_TEXTS = "string_too_short string_too_long string_pattern_mismatch"
 _CODES = {
     "missing": Code.MISSING_KEY,
     "union_tag_not_found": Code.MISSING_KEY,
@@ -38,8 +29,8 @@ _CODES = {
     "union_tag_invalid": Code.NOT_A_CHOICE,
     "multiple_of": Code.NOT_A_MULTIPLE,
     "file_name": Code.UNREADABLE,
-    **dict.fromkeys((*_NUMBERS.split(), *_TEXTS.split()), Code.OUT_OF_RANGE),
 }
+_OUT_OF_RANGE = re.compile("greater_than|less_than|finite_number|too_small|string_(too|pattern)")
 """Codes by the types of pydantic's errors; the others are wrong types."""
 MOST_SHOWN = 100
 _MOST_SPECIFIC = (Code.OUT_OF_RANGE, Code.NOT_A_CHOICE)
@@ -50,13 +41,13 @@ def schema_problems(error: ValidationError, model: type[BaseModel], data: TomlTa
     """What is wrong, one code per wrong key or value."""
     by_path: dict[KeyPath, Code] = {}
     for detail in error.errors(include_url=False, include_context=False):
-        path, code = _path(detail, data), _CODES.get(detail["type"], Code.WRONG_TYPE)
+        path, kind = _path(detail, data), detail["type"]
+        code = Code.OUT_OF_RANGE if _OUT_OF_RANGE.match(kind) else _CODES.get(kind, Code.WRONG_TYPE)
         if path == ("meta", "schema") and code != Code.MISSING_KEY:
             code = Code.SCHEMA_VERSION
-        held = by_path.get(path)
-        if held is None or _rank(code) < _rank(held):
+        if path not in by_path or _rank(code) < _rank(by_path[path]):
             by_path[path] = code
-        if detail["type"].startswith("union_tag"):  # pydantic does not read a table of unknown kind
+        if kind.startswith("union_tag"):  # pydantic does not read a table of unknown kind
             table, written = path[:-1], _value(data, path[:-1])
             keys = written if isinstance(written, dict) else {}
             unknown = [key for key in keys if key not in keys_at(model, table)]
@@ -68,19 +59,15 @@ def schema_diagnostics(
     problems: Mapping[KeyPath, Code], model: type[BaseModel], data: TomlTable, sources: Sources
 ) -> list[Diagnostic]:
     """One diagnostic per wrong key or value, in the order of the file; of very many only some, and their number."""
-    shown = dict(islice(problems.items(), MOST_SHOWN))
-    found = sorted(
-        (_diagnostic(code, path, model, data, sources) for path, code in shown.items()), key=_place
+    some = list(islice(problems.items(), MOST_SHOWN))
+    diagnostics = [_diagnostic(code, path, model, data, sources) for path, code in some]
+    diagnostics.sort(
+        key=lambda one: (one.where.file, one.where.line, one.where.column) if one.where else ("", 0, 0)
     )
-    if len(shown) < len(problems):
-        message = f"{len(problems) - len(shown)} more keys or values are wrong"
-        found.append(Diagnostic(found[-1].code, message, "mend these first"))
-    return found
-
-
-def _place(diagnostic: Diagnostic) -> tuple[str, int, int]:
-    where = diagnostic.where
-    return (where.file, where.line, where.column) if where else ("", 0, 0)
+    if more := len(problems) - len(some):
+        message = f"{more} more keys or values are wrong"
+        diagnostics.append(Diagnostic(diagnostics[-1].code, message, "correct these first"))
+    return diagnostics
 
 
 def _rank(code: Code) -> int:
@@ -100,35 +87,27 @@ def _path(detail: ErrorDetails, data: TomlTable) -> KeyPath:
             break
         elif i == len(parts) - 1 and detail["type"] == "missing":
             path = (*path, part)
-    if detail["type"].startswith("union_tag"):
-        path = (*path, "kind")
-    return path
+    return (*path, "kind") if detail["type"].startswith("union_tag") else path
 
 
 def _diagnostic(
     code: Code, path: KeyPath, model: type[BaseModel], data: TomlTable, sources: Sources
 ) -> Diagnostic:
-    name = shortened(dotted(path))
+    name, value = shortened(dotted(path)), _value(data, path)
     if code == Code.MISSING_KEY:
-        message, hint = f"{name} is missing", f"add the table {_header(path)}"
+        hint = f"add the table {_header(path)}"
         if not keys_at(model, path):
             hint = f"add {path[-1]} to {_header(path[:-1])}: {permitted_at(model, path) or 'a value'}"
-    elif code == Code.UNKNOWN_KEY:
-        message, hint = f"unknown key {name}", _hint_unknown(path, model, data)
-    elif code == Code.WRONG_TYPE and isinstance(_value(data, path), dict) and lists_tables(model, path):
+        return Diagnostic(code, f"{name} is missing", hint, sources.key(path[:-1]))
+    if code == Code.UNKNOWN_KEY:
+        return Diagnostic(code, f"unknown key {name}", _hint_unknown(path, model, data), sources.key(path))
+    if code == Code.WRONG_TYPE and isinstance(value, dict) and lists_tables(model, path):
         message, hint = f"{name} is one table, not a list of tables", f"write [[{name}]]"
     else:
-        message = f"{name} = {shortened(toml_value(_value(data, path)))} {_COMPLAINTS[code]}"
+        message = f"{name} = {shortened(toml_value(value))} {_COMPLAINTS[code]}"
         allowed = permitted_at(model, path)
-        hint = f"write {allowed}" if allowed else ""
-        hint = _hint_quantity(path, model, _value(data, path), hint)
-    return Diagnostic(code, message, hint, _where(code, path, sources))
-
-
-def _where(code: Code, path: KeyPath, sources: Sources) -> Location:
-    if code == Code.MISSING_KEY:
-        return sources.key(path[:-1])
-    return sources.key(path) if code == Code.UNKNOWN_KEY else sources.value(path)
+        hint = _hint_quantity(path, model, value, f"write {allowed}" if allowed else "")
+    return Diagnostic(code, message, hint, sources.value(path))
 
 
 _COMPLAINTS = {
@@ -143,13 +122,13 @@ _COMPLAINTS = {
 
 def _hint_unknown(path: KeyPath, model: type[BaseModel], data: TomlTable) -> str:
     table, key = path[:-1], str(path[-1])
-    known, of_any_kind = keys_of_kind(model, table, _value(data, table)), keys_at(model, table)
+    known, of_any_kind = keys_at(model, table, _value(data, table)), keys_at(model, table)
     if key in of_any_kind:
         return f"it does not go with this kind of {dotted(table)}: remove it, or change kind"
     if close := nearest(key, known) or nearest(key, of_any_kind):
         meant, value = (*table, close), _value(data, path)
         return _hint_quantity(meant, model, value, f"did you mean {close}?", split(key)[1])
-    if home := table_with_key(model, key):
+    if home := next((name for name in keys_at(model, ()) if key in keys_at(model, (name,))), None):
         return f"{key} belongs to [{home}]"
     where = _header(table) if table else "the file"
     return f"remove it; {where} may hold {', '.join(known)}"

@@ -51,30 +51,32 @@ def find_profile(name_or_path: str, folder: Path = Path()) -> Path:
 
     Raises UsageError E2001 if there is neither.
     """
-    return _found(name_or_path, folder, "profile", shipped_profiles(), "E2001")
+    return _find(name_or_path, folder, "profile", shipped_profiles(), "E2001")
 
 
 def find_study(name_or_path: str) -> Path:
-    """Return the file of a study: a path, or the name of a shipped study.
-
-    Raises UsageError E2100 if there is neither.
-    """
-    return _found(name_or_path, Path(), "study", shipped_studies(), "E2100")
+    """Return the file of a study: a path, or the name of a shipped study. Raises UsageError E2100 if neither."""
+    return _find(name_or_path, Path(), "study", shipped_studies(), "E2100")
 
 
-def _found(given: str, folder: Path, what: str, shipped: Mapping[str, Path], code: str) -> Path:
+def _find(given: str, folder: Path, what: str, shipped: Mapping[str, Path], code: str) -> Path:
     if given in shipped:
         return shipped[given]
-    path = user_path(given, folder)
-    is_there = _is_there(path)
+    path, hint = user_path(given, folder), ""
+    try:
+        is_there = path.is_symlink() or path.exists()
+    except (OSError, ValueError):
+        is_there = False
     if is_path(given):
         if is_there:
             return path  # reading it reports what it is if it is no file
         message = f"There is no {what} file {path}."
-        hint = f"Write {path.stem} for the shipped {what}. " if path.stem in shipped else ""
+        if path.stem in shipped:
+            hint = f"Write {path.stem} for the shipped {what}. "
     else:
         message = f"There is no shipped {what} {given!r}."
-        hint = f"Write {as_value(path)} for the file of that name. " if given and is_there else ""
+        if given and is_there:
+            hint = f"Write {as_value(path)} for the file of that name. "
     hint = hint or did_you_mean(path.stem, shipped)
     names = f"Shipped: {', '.join(shipped)}. A value with a path separator or .toml is a file."
     raise UsageError(message, hint=hint + names, code=code)
@@ -94,46 +96,42 @@ def is_file(path: Path) -> bool:
         return False
 
 
-def _is_there(path: Path) -> bool:
-    try:
-        return path.is_symlink() or path.exists()
-    except (OSError, ValueError):
-        return False
-
-
 def data_folder(environ: Mapping[str, str]) -> Path:
     """Folder of what edmctl keeps: $EDMCTL_HOME, else where the system wants such data of a user."""
-    if home := path_variable(HOME_VARIABLE, environ):
-        return home
     import platformdirs
 
-    return platformdirs.user_data_path("edmctl", appauthor=False)
+    return path_variable(HOME_VARIABLE, environ) or platformdirs.user_data_path("edmctl", appauthor=False)
 
 
 def own_setup_path(serial: str, environ: Mapping[str, str]) -> Path:
     """File of the settings of the machine with that serial number, in $EDMCTL_HOME or the user's configuration."""
-    name = f"setup-{quote(serial, safe=' ')}.toml"
-    if home := path_variable(HOME_VARIABLE, environ):
-        return home / name
     import platformdirs
 
-    return platformdirs.user_config_path("edmctl", appauthor=False) / name
+    home = path_variable(HOME_VARIABLE, environ)
+    return (
+        home or platformdirs.user_config_path("edmctl", appauthor=False)
+    ) / f"setup-{_file_name(serial)}.toml"
+
+
+def _file_name(serial: str) -> str:
+    """Return a serial number as part of a file name; characters that no file name holds become %XX."""
+    return quote(serial, safe=" ")
 
 
 def kept_path(
     kind: Literal["calibration", "drift"], serial: str, environ: Mapping[str, str], *, lasting: bool = True
 ) -> Path:
-    """Calibration or drift file of a machine; characters of its serial number that no file name holds become %XX.
+    """Calibration or drift file of a machine.
 
     That of a virtual machine that keeps no state (not `lasting`) is used only where it is named.
     """
     folder = data_folder(environ) / kind
-    return (folder if lasting else folder / "fresh") / f"{quote(serial, safe=' ')}.toml"
+    return (folder if lasting else folder / "fresh") / f"{_file_name(serial)}.toml"
 
 
 def creep_path(serial: str, environ: Mapping[str, str]) -> Path:
     """File of the residual creep after the last use of the machine with that serial number."""
-    return kept_path("drift", serial, environ).with_name(f"{quote(serial, safe=' ')}.creep.json")
+    return kept_path("drift", serial, environ).with_name(f"{_file_name(serial)}.creep.json")
 
 
 def find_kept(

@@ -1,9 +1,7 @@
 """TOML files with a hash of their content: written whole or not at all, checked when they are read."""
 
-import hashlib
 import json
 import re
-from collections.abc import Mapping
 from pathlib import Path
 from typing import ClassVar, Self
 
@@ -13,15 +11,9 @@ from edmctl.errors import Location, ProfileError, RecordError, RunFileError
 from edmctl.files import replace_file
 from edmctl.profile.positions import Sources
 from edmctl.profile.read import parse, read_source
-from edmctl.profile.tables import Table
+from edmctl.profile.tables import Table, content_hash
 
 HASH = "sha256"
-
-
-def content_hash(table: Mapping[str, object]) -> str:
-    """SHA-256 of a table as JSON: keys sorted, no spaces, ASCII, numbers as short as they are read back exactly."""
-    canonical = json.dumps(table, sort_keys=True, separators=(",", ":"), default=str)
-    return hashlib.sha256(canonical.encode()).hexdigest()
 
 
 class HashedTable(Table):

@@ -62,8 +62,8 @@ def places(profile: Profile, base_folder: Path) -> tuple[Place, ...]:
             points = islice(_grid(site) if site.kind == "grid" else _circle(site), MOST_PLACES + 1)
             depth_um = _or_nan(site.depth_um)
             found += [
-                Place(f"{site.name}-{number}", x_um, y_um, depth_um=depth_um, entry=entry)
-                for number, (x_um, y_um) in enumerate(points, 1)
+                Place(f"{site.name}-{n}", x_um, y_um, depth_um=depth_um, entry=entry)
+                for n, (x_um, y_um) in enumerate(points, 1)
             ]
         if len(found) > MOST_PLACES:
             message = f"the sites are more than {MOST_PLACES} places"
@@ -76,6 +76,10 @@ def _place(site: PointSite, entry: int, number: int, where: Location | None = No
     return Place(name, site.x_um, site.y_um, site.theta_deg, _or_nan(site.depth_um), entry, where)
 
 
+def _or_nan(depth_um: float | None) -> float:
+    return math.nan if depth_um is None else depth_um
+
+
 def _grid(grid: GridSites) -> Iterator[tuple[float, float]]:
     for number in range(grid.columns * grid.rows):
         row, column = divmod(number, grid.columns)
@@ -83,16 +87,10 @@ def _grid(grid: GridSites) -> Iterator[tuple[float, float]]:
 
 
 def _circle(circle: CircleSites) -> Iterator[tuple[float, float]]:
+    r = circle.radius_um
     for number in range(circle.count):
         angle = math.radians(circle.start_deg + 360.0 * number / circle.count)
-        yield (
-            circle.x_um + circle.radius_um * math.cos(angle),
-            circle.y_um + circle.radius_um * math.sin(angle),
-        )
-
-
-def _or_nan(depth_um: float | None) -> float:
-    return math.nan if depth_um is None else depth_um
+        yield circle.x_um + r * math.cos(angle), circle.y_um + r * math.sin(angle)
 
 
 def read_places_file(path: Path) -> list[tuple[PointSite, Location]]:

@@ -7,8 +7,6 @@ import sys
 import tomllib
 import unicodedata
 from collections.abc import Iterator, Sequence
-from copy import deepcopy
-from functools import lru_cache
 from pathlib import Path
 
 from edmctl.dataclasses import dataclass, replace
@@ -52,7 +50,7 @@ def read_source(path: Path) -> Source:
     """Read a text file. Raises ProfileError when it cannot be read as UTF-8."""
     try:
         # Some editors put a mark of the byte order before the text.
-        return _source(str(path), read_bytes(path).decode("utf-8").removeprefix("\ufeff"))
+        return Source(str(path), read_bytes(path).decode("utf-8").removeprefix("\ufeff"))
     except OSError as error:
         message, hint = f"cannot read {path}: {error.strerror}", "check the path and its permissions"
     except UnicodeDecodeError as error:
@@ -61,32 +59,21 @@ def read_source(path: Path) -> Source:
     raise _refusal(Code.UNREADABLE, message, hint)
 
 
-@lru_cache(maxsize=8)
-def _source(name: str, text: str) -> Source:
-    """Return a source; the same text is scanned once, because a study reads one profile often."""
-    return Source(name, text)
-
-
 def parse(source: Source) -> TomlTable:
     """Parse a TOML text. Raises ProfileError with the place of the syntax error, or for more than anybody writes."""
-    return deepcopy(_parsed(source.name, source.text))
-
-
-@lru_cache(maxsize=8)
-def _parsed(name: str, text: str) -> TomlTable:
-    source = _source(name, text)
-    if long_key := _LONG_KEY.search(text):
-        where, message = location(name, text, long_key.span()), f"a key has more than {MOST_PARTS} parts"
-        raise _refusal(Code.SYNTAX, message, "tables stand at most three deep", replace(where, column=1))
+    if long_key := _LONG_KEY.search(source.text):
+        where, message = location(source.name, source.text, long_key.span()), f"more than {MOST_PARTS} parts"
+        hint = "tables are at most three deep"
+        raise _refusal(Code.SYNTAX, f"a key has {message}", hint, replace(where, column=1))
     try:
-        table, keys = _loads(text)
+        table, keys = _loads(source.text)
         if keys > MOST_KEYS:
-            raise _refusal(Code.SYNTAX, f"{name} holds more than {MOST_KEYS} keys", "split it")
+            raise _refusal(Code.SYNTAX, f"{source.name} holds more than {MOST_KEYS} keys", "split it")
         return table
     except tomllib.TOMLDecodeError as error:
         where, what = _syntax_place(source, str(error))
     except (ValueError, RecursionError):
-        where, what = source.start(), "a number is too long or values stand too deep in each other"
+        where, what = source.start(), "a number is too long or values are nested too deeply"
     hint = _value_hint(where.source_line, where.column) or (
         "texts are in quotes, a table begins with [name], a key is given once"
     )
@@ -156,19 +143,18 @@ def read_chain(path: Path, children: tuple[Path, ...] = ()) -> Merged:
 
 
 def _parent(source: Source, name: object, path: Path, seen: tuple[Path, ...]) -> Path:
-    def refusal(message: str, hint: str) -> ProfileError:
-        return _refusal(Code.EXTENDS, message, hint, source.value(("extends",)))
-
-    if not isinstance(name, str):
-        raise refusal("extends does not name a file", 'write extends = "other.toml"')
     try:
-        parent = find_profile(name, path.parent)
+        parent = find_profile(name, path.parent) if isinstance(name, str) else None
+        if parent is None:
+            message, hint = "extends does not name a file", 'write extends = "other.toml"'
+        elif parent.resolve() not in seen:
+            return parent
+        else:
+            circle = " -> ".join(one.name for one in (*seen, parent.resolve()))
+            message, hint = f"profiles extend each other in a circle: {circle}", "break it here"
     except UsageError as error:
-        raise refusal(f"extends = {toml_value(name)}: {error.message}", error.hint) from None
-    if parent.resolve() in seen:
-        circle = " -> ".join(p.name for p in (*seen, parent.resolve()))
-        raise refusal(f"profiles extend each other in a circle: {circle}", "break it here")
-    return parent
+        message, hint = f"extends = {toml_value(name)}: {error.message}", error.hint
+    raise _refusal(Code.EXTENDS, message, hint, source.value(("extends",)))
 
 
 def _refusal(code: Code, message: str, hint: str, where: Location | None = None) -> ProfileError:
@@ -189,46 +175,47 @@ def _syntax_place(source: Source, message: str) -> tuple[Location, str]:
 def apply_overrides(below: Merged, overrides: Sequence[str]) -> Merged:
     """Lay `key=value` texts over what files hold; a whole table as value replaces the table.
 
-    Values are TOML; a bare word stands for itself in quotes. Raises ProfileError with every malformed text.
+    Values are TOML; a bare word becomes a text. Raises ProfileError with every malformed text.
     """
     table, sources, lines = below.table, list(below.sources), list(below.changes)
     wrong: list[Diagnostic] = []
     for text in overrides:
-        if _SITES.match(text.partition("=")[0]):
-            message = f"cannot read --set {text}: sites is a list, and only the whole of it can be set"
-            wrong.append(_diagnostic(text, message, _HINT_SITES))
-            continue
-        given = _parse(text)
-        if given is None:
-            message = f"cannot read --set {shortened(text)}: it is not key=value with a TOML value"
-            hint = _value_hint(text) or _HINT
-            wrong.append(_diagnostic(text, message, "the number is too long" if _LONG.search(text) else hint))
-            continue
-        path, value = given
+        hint = _HINT
         try:
+            if _SITES.match(text.partition("=")[0]):
+                message, hint = "sites is a list, and only the whole of it can be set", _HINT_SITES
+                raise KeyError(message)
+            path, value = _parse(text)
             after = put(table, path, value)
+        except ValueError:
+            message = f"cannot read --set {shortened(text)}: it is not key=value with a TOML value"
+            hint = "the number is too long" if _LONG.search(text) else _value_hint(text) or hint
         except KeyError as error:
-            wrong.append(_diagnostic(text, f"--set {text}: {error.args[0]} is a value, not a table"))
+            message = f"cannot use --set {text}: {error.args[0]}"
+        else:
+            lines += changes(table, after, SET_OPTION)
+            table = after
+            sources.insert(0, Source(SET_OPTION, text))
             continue
-        lines += changes(table, after, SET_OPTION)
-        table = after
-        sources.insert(0, Source(SET_OPTION, text))
+        where = Location(SET_OPTION, 1, 1, max(1, len(text)), text)
+        wrong.append(Diagnostic(Code.OVERRIDE, message, hint, where))
     if wrong:
         raise ProfileError(tuple(wrong))
     return Merged(tuple(sources), table, tuple(lines))
 
 
-def _parse(text: str) -> tuple[tuple[str, ...], object] | None:
-    """Key path and value, or None when the text is not `key=value`."""
+def _parse(text: str) -> tuple[tuple[str, ...], object]:
+    """Return key path and value. Raises ValueError when the text is not `key=value`."""
     key, _, value = text.partition("=")
-    path = _key_path(key)
-    value = value.strip(" \t")
+    path, value = _key_path(key), value.strip(" \t")
     if not path or not value or "\n" in text:
-        return None
+        raise ValueError("no key or no value")
     try:
         return path, _loads(f"value = {value}")[0]["value"]
     except (ValueError, RecursionError):
-        return (path, value) if _BARE_WORD.fullmatch(value) else None
+        if _BARE_WORD.fullmatch(value):
+            return path, value
+        raise ValueError("no TOML value") from None
 
 
 def _key_path(key: str) -> tuple[str, ...]:
@@ -242,10 +229,6 @@ def _key_path(key: str) -> tuple[str, ...]:
         ((part, below),) = below.items()
         path = (*path, part)
     return path if len(path) <= MOST_PARTS else ()
-
-
-def _diagnostic(text: str, message: str, hint: str = _HINT) -> Diagnostic:
-    return Diagnostic(Code.OVERRIDE, message, hint, Location(SET_OPTION, 1, 1, max(1, len(text)), text))
 
 
 def dotted(path: KeyPath) -> str:
@@ -277,7 +260,7 @@ def put(table: TomlTable, path: tuple[str, ...], value: object) -> TomlTable:
         return {**table, path[0]: value}
     below = table.get(path[0], {})
     if not isinstance(below, dict):
-        raise KeyError(path[0])
+        raise KeyError(f"{path[0]} is a value, not a table")
     return {**table, path[0]: put(below, path[1:], value)}
 
 

@@ -1,7 +1,5 @@
 """The machine's own settings, what stays when the recipe changes, and loading them."""
 
-import hashlib
-import json
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -15,7 +13,7 @@ from edmctl.files import user_path
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
 from edmctl.profile.positions import Sources
 from edmctl.profile.read import parse, read_source
-from edmctl.profile.tables import Coordinate, FileName, Table, entry
+from edmctl.profile.tables import Coordinate, FileName, Table, content_hash, entry
 
 ARRIVAL_RUN_UM = 50.0
 """A stage that comes from above goes this far beyond its place and comes back, so that the play of the drive always
@@ -155,13 +153,8 @@ class Setup(Table):
 
     @property
     def sha256(self) -> str:
-        """Hash of all values but the port; a value that was added to the table later counts where it is stated."""
-        values = self.model_dump(mode="json", exclude={"port"})
-        for table, model in (("stage", self.stage), ("surface", self.surface)):
-            for key in ("x_min_um", "x_max_um", "y_min_um", "y_max_um"):
-                if values[table][key] == type(model).model_fields[key].default:
-                    del values[table][key]
-        return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+        """Hash of all values but the port."""
+        return content_hash(self.model_dump(exclude={"port"}))
 
     def in_words(self) -> str:
         """Return which setup it is, as runs show it: `setup /etc/edm/machine.toml`."""

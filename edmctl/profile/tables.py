@@ -6,7 +6,10 @@ Modules of tables do not postpone their annotations: pydantic would compile the 
 from __future__ import annotations
 
 import difflib
+import hashlib
+import json
 import types
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
 
@@ -73,34 +76,39 @@ class Table(BaseModel):
         return value
 
 
-def field_at(model: type[BaseModel], path: KeyPath) -> FieldInfo | None:
-    """The field of a key path, or None where the model has none. Items of a list share the list's field."""
-    found = _fields_at(model, path)
-    return found[0] if found else None
+def content_hash(values: Mapping[str, object]) -> str:
+    """SHA-256 of values as JSON: keys sorted, no spaces, ASCII, numbers as short as they are read back exactly."""
+    canonical = json.dumps(values, sort_keys=True, separators=(",", ":"), default=str)
+    return hashlib.sha256(canonical.encode()).hexdigest()
 
 
-def _fields_at(model: type[BaseModel], path: KeyPath) -> list[FieldInfo]:
+def fields_at(model: type[BaseModel], path: KeyPath) -> list[FieldInfo]:
+    """The fields of a key path, one for each kind of its table. Items of a list share the list's field."""
     tables = [model]
-    found: list[FieldInfo] = []
+    infos: list[FieldInfo] = []
     for part in path:
-        if isinstance(part, int):
-            continue
-        found = [field for table in tables if (field := _fields(table).get(part))]
-        tables = [table for field in found for table in _tables(field.annotation)]
-    return found
+        if isinstance(part, str):
+            infos = [field for table in tables if (field := _fields(table).get(part))]
+            tables = [table for field in infos for table in _tables(field.annotation)]
+    return infos
+
+
+def field_at(model: type[BaseModel], path: KeyPath) -> FieldInfo | None:
+    """The first of them; None where the model has none."""
+    return next(iter(fields_at(model, path)), None)
 
 
 def permitted_at(model: type[BaseModel], path: KeyPath) -> str:
     """What may be written at a key path, whichever of its tables is meant; empty where the model has no such key."""
-    found = _fields_at(model, path)
-    words = list(dict.fromkeys(word for info in found for word in _described(info.annotation, info.metadata)))
-    return " or ".join(words) if len(found) > 1 and len(words) > 1 else permitted(found[0]) if found else ""
+    infos = fields_at(model, path)
+    kinds = list(dict.fromkeys(kind for info in infos for kind in _described(info.annotation, info.metadata)))
+    return " or ".join(kinds) if len(infos) > 1 and len(kinds) > 1 else permitted(infos[0]) if infos else ""
 
 
 def accepts(model: type[BaseModel], path: KeyPath, value: object) -> bool:
     """Return whether a value may be written at a key path, whichever of its tables is meant."""
-    for found in _fields_at(model, path):
-        annotation: Any = Annotated[found.annotation, *found.metadata] if found.metadata else found.annotation
+    for info in fields_at(model, path):
+        annotation: Any = Annotated[info.annotation, *info.metadata] if info.metadata else info.annotation
         with suppress(ValidationError):
             TypeAdapter(annotation).validate_python(value)
             return True
@@ -109,7 +117,7 @@ def accepts(model: type[BaseModel], path: KeyPath, value: object) -> bool:
 
 def choices_at(model: type[BaseModel], path: KeyPath) -> list[str]:
     """Words of which one may be written at a key path; empty where it takes a number or any text."""
-    return list(dict.fromkeys(word for info in _fields_at(model, path) for word in _choices(info.annotation)))
+    return list(dict.fromkeys(word for info in fields_at(model, path) for word in _choices(info.annotation)))
 
 
 def _choices(annotation: object) -> list[str]:
@@ -120,30 +128,27 @@ def _choices(annotation: object) -> list[str]:
     return [word for argument in get_args(annotation) for word in _choices(argument)]
 
 
-def keys_at(model: type[BaseModel], path: KeyPath) -> list[str]:
-    """Keys that the table at a path may hold; empty when there is no such table."""
-    tables = [model]
-    if path:
-        found = field_at(model, path)
-        tables = _tables(found.annotation) if found else []
-    return list(dict.fromkeys(key for table in tables for key in _fields(table)))
+def keys_at(model: type[BaseModel], path: KeyPath, written: object = None) -> list[str]:
+    """Keys that the table at a path may hold; empty if there is no such table.
 
-
-def keys_of_kind(model: type[BaseModel], path: KeyPath, written: object) -> list[str]:
-    """Keys that a table written there may hold by its `kind`; those of all kinds where that is none of them."""
-    found = field_at(model, path) if path else None
+    written : a table whose `kind` selects one of several; those of all kinds if it is none of them
+    """
+    tables = (
+        [table for info in fields_at(model, path) for table in _tables(info.annotation)] if path else [model]
+    )
     kind = written.get("kind") if isinstance(written, dict) else None
-    for table in _tables(found.annotation) if found else []:
+    for table in tables if isinstance(written, dict) else ():
         info = _fields(table).get("kind")
         if info and (kind in get_args(info.annotation) if kind is not None else not info.is_required()):
             return list(_fields(table))
-    return keys_at(model, path)
+    return list(dict.fromkeys(key for table in tables for key in _fields(table)))
 
 
 def lists_tables(model: type[BaseModel], path: KeyPath) -> bool:
-    """Whether the key stands for a list of tables."""
-    found = field_at(model, path)
-    return found is not None and get_origin(found.annotation) is list and bool(_tables(found.annotation))
+    """Whether the key is that of a list of tables."""
+    return any(
+        get_origin(info.annotation) is list and _tables(info.annotation) for info in fields_at(model, path)
+    )
 
 
 def nearest(key: str, candidates: list[str]) -> str | None:
@@ -161,15 +166,10 @@ def _axis(key: str) -> str:
     return word[-1] if word in ("x", "y", "z", "dx", "dy", "dz") else ""
 
 
-def table_with_key(model: type[BaseModel], key: str) -> str | None:
-    """The top-level table that has this key, for a key written into the wrong one."""
-    return next((table for table in keys_at(model, ()) if key in keys_at(model, (table,))), None)
-
-
-def permitted(found: FieldInfo) -> str:
+def permitted(info: FieldInfo) -> str:
     """What may be written: `a number from 20 to 1000 (diameter, µm)`."""
-    words = " or ".join(_described(found.annotation, found.metadata))
-    return f"{words} ({found.description})" if found.description else words
+    kinds = " or ".join(_described(info.annotation, info.metadata))
+    return f"{kinds} ({info.description})" if info.description else kinds
 
 
 def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
@@ -182,40 +182,35 @@ def _tables(annotation: object) -> list[type[BaseModel]]:
     return [table for argument in get_args(annotation) for table in _tables(argument)]
 
 
-_ITEMS = {(str,): "texts in quotes", (int,): "whole numbers"}
+_PLAIN: dict[object, str] = {
+    bool: "true or false",
+    str: "text in quotes",
+    int: "a whole number",
+    float: "a number",
+}
+_ITEMS: dict[object, str] = {str: "texts in quotes", int: "whole numbers"}
+_LIMITS = {"gt": " above", "ge": " from", "lt": " below", "le": " to", "multiple_of": ", a multiple of"}
 
 
-def _described(annotation: object, metadata: list[object]) -> list[str]:
-    origin = get_origin(annotation)
+def _described(annotation: object, metadata: Sequence[object] = ()) -> list[str]:
+    """Return what may be written for each type of an annotation."""
+    origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        inner, *constraints = get_args(annotation)
-        return _described(inner, [m for c in constraints for m in getattr(c, "metadata", [c])])
+        limits = [m for limit in arguments[1:] for m in getattr(limit, "metadata", [limit])]
+        return _described(arguments[0], limits)
     if origin is Literal:
-        return [" or ".join(f'"{v}"' if isinstance(v, str) else str(v) for v in get_args(annotation))]
+        return [" or ".join(f'"{value}"' if isinstance(value, str) else str(value) for value in arguments)]
     if origin is list:
-        kinds = get_args(get_args(annotation)[0]) or get_args(annotation)
-        items = "tables" if _tables(annotation) else _ITEMS.get(kinds, "values")
-        return [f"a list of {items}"]
+        item = (get_args(arguments[0]) or arguments)[0]
+        return [f"a list of {'tables' if _tables(annotation) else _ITEMS.get(item, 'values')}"]
     if origin in (Union, types.UnionType):
-        parts = [a for a in get_args(annotation) if a is not type(None)]
-        return [words for part in parts for words in _described(part, metadata)]
-    if annotation is bool:
-        return ["true or false"]
-    if annotation is str:
-        return ["text in quotes"]
-    if annotation is int or annotation is float:
-        return [("a whole number" if annotation is int else "a number") + _limits(metadata)]
-    return ["a table"]
-
-
-def _limits(metadata: list[object]) -> str:
+        kinds = [one for one in arguments if one is not type(None)]
+        return [text for kind in kinds for text in _described(kind, metadata)]
     bounds = {
         name: value
+        for name in _LIMITS
         for item in metadata
-        for name in ("gt", "ge", "lt", "le")
-        if (value := getattr(item, name, None)) is not None
+        if annotation in (int, float) and (value := getattr(item, name, None)) is not None
     }
-    words = {"gt": "above", "ge": "from", "lt": "below", "le": "to"}
-    text = "".join(f" {words[name]} {bounds[name]:g}" for name in words if name in bounds)
-    steps = (step for item in metadata if (step := getattr(item, "multiple_of", None)) is not None)
-    return text + "".join(f", a multiple of {step:g}" for step in steps)
+    limited = "".join(f"{_LIMITS[name]} {value:g}" for name, value in bounds.items())
+    return [_PLAIN.get(annotation, "a table") + limited]

@@ -32,8 +32,8 @@ from edmctl.profile.calibration import (
     measured_file,
 )
 from edmctl.profile.folders import find_kept, kept_path
-from edmctl.profile.hashed_file import content_hash
 from edmctl.profile.setup import load_setup
+from edmctl.profile.tables import content_hash
 from tests.planning.rules.documents import place_of
 
 if TYPE_CHECKING:

@@ -21,8 +21,9 @@ from edmctl.profile.drift_file import (
     Used,
 )
 from edmctl.profile.folders import kept_path
-from edmctl.profile.hashed_file import HASH, content_hash
+from edmctl.profile.hashed_file import HASH
 from edmctl.profile.setup import Drift, Sensor, Setup, load_setup
+from edmctl.profile.tables import content_hash
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -25,6 +23,7 @@ from edmctl.profile.places import Place, places
 from edmctl.profile.positions import SET_OPTION, Sources, TomlTable
 from edmctl.profile.read import apply_overrides, read_chain
 from edmctl.profile.setup import Setup
+from edmctl.profile.tables import content_hash
 from edmctl.results.result import Forecast, ProfileSummary
 
 OF_PULSES: tuple[Rule, ...] = (
@@ -242,8 +241,7 @@ def _sha256(model: BaseModel, placed: tuple[Place, ...] = ()) -> str:
     values = model.model_dump(by_alias=True)
     if placed:
         values["places"] = [astuple(replace(place, where=None))[:-1] for place in placed]
-    canonical = json.dumps(values, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(canonical.encode()).hexdigest()
+    return content_hash(values)
 
 
 def summaries(setup: Setup) -> list[ProfileSummary]:
