@@ -1,5 +1,7 @@
 """The machine's own settings, what stays when the recipe changes, and loading them."""
 
+import hashlib
+import json
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -13,7 +15,7 @@ from edmctl.files import user_path
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
 from edmctl.profile.positions import Sources
 from edmctl.profile.read import parse, read_source
-from edmctl.profile.tables import Coordinate, FileName, Table, content_hash, entry
+from edmctl.profile.tables import Coordinate, FileName, Table, entry
 
 ARRIVAL_RUN_UM = 50.0
 """A stage that comes from above goes this far beyond its place and comes back, so that the play of the drive always
@@ -153,8 +155,11 @@ class Setup(Table):
 
     @property
     def sha256(self) -> str:
-        """Hash of all values but the port."""
-        return content_hash(self.model_dump(exclude={"port"}))
+        """Hash of all values but the port, and of edges and limits of travel only where they are stated."""
+        edges = {f"{axis}_{end}_um" for axis in "xy" for end in ("min", "max")}
+        assumed = {name: edges - getattr(self, name).model_fields_set for name in ("stage", "surface")}
+        values = self.model_dump(mode="json", exclude={"port": True, **assumed})
+        return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
 
     def in_words(self) -> str:
         """Return which setup it is, as runs show it: `setup /etc/edm/machine.toml`."""
