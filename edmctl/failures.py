@@ -708,7 +708,7 @@ def response_unknown(*, response: object, found: object) -> UsageError:
 
 
 def no_response_given(*, asked: object) -> UsageError:
-    return UsageError("Nothing is told.", hint=f"Responses: {asked}.", code="E2105")
+    return UsageError("No response is given.", hint=f"Responses: {asked}.", code="E2105")
 
 
 def response_value_wrong(*, name: object, value: object, asked: object) -> UsageError:
@@ -727,8 +727,12 @@ def response_measured_by_run(*, number: object, name: object) -> UsageError:
     )
 
 
-def response_not_manual(*, name: object, remedy: object) -> UsageError:
-    return UsageError(f"The study asks nobody for {name}.", hint=f"{remedy}", code="E2105")
+def response_not_manual(*, name: object, manual: object) -> UsageError:
+    return UsageError(
+        f"{name} is not a manual response of the study.",
+        hint=f'Its responses with source = "manual": {manual}.',
+        code="E2105",
+    )
 
 
 def response_value_missing(*, name: object, withdraws: object) -> UsageError:
@@ -760,14 +764,12 @@ def response_unreadable(*, text: object, example: object) -> UsageError:
 
 
 def response_given_twice(*, name: object) -> UsageError:
-    return UsageError(f"{name} is told twice.", hint="Say it once.", code="E2105")
+    return UsageError(f"{name} is given twice.", hint="Give it once.", code="E2105")
 
 
 def import_without_values(*, name: object, there: object) -> UsageError:
     return UsageError(
-        f"{name} tells nothing: no row has a value of {there}.",
-        hint="Fill it in, and save it as CSV again.",
-        code="E2106",
+        f"{name} has no value of {there}.", hint="Fill it in, and save it as CSV again.", code="E2106"
     )
 
 
@@ -777,7 +779,7 @@ def import_unreadable(*, problem: object, remedy: object) -> UsageError:
 
 def import_run_twice(*, name: object, line: object, number: object) -> UsageError:
     return UsageError(
-        f"{name}, line {line}: run {number} stands in the table twice.", hint="Keep one.", code="E2106"
+        f"{name}, line {line}: run {number} is in the table twice.", hint="Keep one.", code="E2106"
     )
 
 
@@ -791,10 +793,6 @@ def judged_run_not_made(*, run: object, study: object) -> UsageError:
         hint=f"Make it with `{study}`, then judge it; one that shall not be made is rejected.",
         code="E2107",
     )
-
-
-def attempt_unreadable(*, text: object) -> UsageError:
-    return UsageError(f"{text!r} is no number of an attempt.", hint="Correct it.", code="E2107")
 
 
 def attempt_not_the_last(*, number: object, attempts: object, text: object) -> UsageError:
@@ -2762,30 +2760,14 @@ def journal_unreadable(*, path: object, reason: object) -> RunFileError:
     )
 
 
-def folder_has_another_study(*, path: object, what: object, command: object) -> RunFileError:
-    return RunFileError(
-        f"{path} has {what}.",
-        hint=f"Choose another folder with --out; `{command}` shows what is there.",
-        code="E9101",
-    )
-
-
 def study_folder_not_empty(*, path: object) -> RunFileError:
     return RunFileError(f"{path} is not empty.", hint="Choose another folder with --out.", code="E9101")
 
 
-def folder_has_this_study(*, path: object, command: object) -> RunFileError:
+def folder_has_a_study(*, path: object, quoted_path: object) -> RunFileError:
     return RunFileError(
-        f"{path} has this study already.",
-        hint=f"Go on with it as `{command}` says, or choose another folder with --out.",
-        code="E9101",
-    )
-
-
-def folder_has_unreadable_study(*, path: object, message: object) -> RunFileError:
-    return RunFileError(
-        f"{path} has a study already, and it cannot be read: {message}",
-        hint="Choose another folder with --out.",
+        f"{path} has a study already.",
+        hint=f"Continue it with `edmctl study resume {quoted_path}`, or choose another folder with --out.",
         code="E9101",
     )
 

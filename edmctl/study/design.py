@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 from edmctl import failures
@@ -38,7 +39,7 @@ from edmctl.study.statistics.linear_model import (
     undetermined,
     with_interactions,
 )
-from edmctl.study.study_file import Factor, Refusals, StudySource
+from edmctl.study.study_file import StudySource
 from edmctl.wording import plural
 
 DIGITS = 4
@@ -54,79 +55,59 @@ AS_LEVELS = (LEVELS, PAIRS)
 """Models in which numbers are levels without order."""
 
 
-class Refused(Exception):
-    """A factor or a design that cannot be; `key` is that of its table, empty for the whole of it."""
-
-    def __init__(self, message: str, hint: str, key: str = "") -> None:
-        super().__init__(message)
-        self.message, self.hint, self.key = message, hint, key
-
-
-def factors_of(source: StudySource) -> tuple[tuple[FactorInfo, ...], Refusals]:
-    """Return the factors of a study file, and what is wrong with them."""
-    wrong, found = Refusals(source), []
-    keys = [factor.key for factor in source.file.factors]
-    for number, factor in enumerate(source.file.factors):
-        if keys.index(factor.key) != number:
-            wrong.add("give each key once", f"{factor.key} is varied twice", "factors", number, "key")
-            continue
-        if ("factors", number) in source.damaged:
-            continue
-        if factor.name in RESERVED:
-            message = (
-                f"a factor cannot be called {factor.name}: tables of every analysis have a row of that name"
-            )
-            wrong.add("give it another name", message, "factors", number, "name")
-        try:
-            found.append(_factor(factor))
-        except Refused as refused:
-            key = [refused.key] if refused.key else []
-            message = f"factor {factor.key}: {refused.message}"
-            wrong.add(refused.hint, message, "factors", number, *key)
-    names = [factor.name for factor in found]
-    if again := sorted({name for name in names if names.count(name) > 1}):
-        wrong.add("give them other names", f"two factors are called {again[0]}", "factors")
-    return tuple(found), wrong
+def factors_of(source: StudySource) -> tuple[FactorInfo, ...]:
+    """Return the factors of a study file. Raises ProfileError for the first that is wrong."""
+    factors = [_factor(source, number) for number in range(len(source.file.factors))]
+    for names, what, hint in (
+        ([one.key for one in factors], "{} is varied twice", "give each key once"),
+        ([one.name for one in factors], "two factors are called {}", "give them other names"),
+    ):
+        for number, name in enumerate(names):
+            source.require(names.index(name) == number, what.format(name), hint, "factors", number, "key")
+    return tuple(factors)
 
 
-def _factor(factor: Factor) -> FactorInfo:
-    given = [factor.levels, factor.categories, factor.low is not None or factor.high is not None]
-    if sum(map(bool, given)) != 1:
-        raise Refused(
-            "give either levels, or low and high, or categories",
-            'levels = [0.7, 0.8, 0.9], or low = 0.7 and high = 0.9, or categories = ["Cu", "W"]',
-        )
-    name = factor.name or factor.key
-    for key, values in (("categories", factor.categories), ("levels", factor.levels)):
-        if values:
-            same = {float(value) if _is_number(value) else repr(value) for value in values}
-            if len(values) < 2 or len(same) < len(values):
-                message = f"{key} have to be two or more different values"
-                raise Refused(message, "give two or more, each once", key)
-            is_number = key == "levels" and all(map(_is_number, values))
-            is_log = is_number and _is_log(factor)
-            return FactorInfo(factor.key, name, tuple(values), is_number=is_number, is_log=is_log)
+def _factor(source: StudySource, number: int) -> FactorInfo:
+    factor, place = source.file.factors[number], ("factors", number)
+    key = factor.key
+    has_bounds = factor.low is not None or factor.high is not None
+    source.require(
+        [bool(factor.levels), bool(factor.categories), has_bounds].count(True) == 1,
+        f"factor {key} needs either levels, or low and high, or categories",
+        'levels = [0.7, 0.8, 0.9], or low = 0.7 and high = 0.9, or categories = ["Cu", "W"]',
+        *place,
+    )
+    message = f"a factor cannot be called {factor.name}: every analysis has a row of that name"
+    source.require(factor.name not in RESERVED, message, "give it another name", *place, "name")
+    values = [*factor.levels, *factor.categories]
     low, high, step = factor.low, factor.high, factor.step
-    if low is None or high is None:
-        raise Refused("a range has low and high", "give both")
-    if step is not None and math.floor(high / step + 1e-9) <= math.ceil(low / step - 1e-9):
-        message = f"fewer than two multiples of {step:g} lie between the bounds"
-        raise Refused(message, "take a smaller step", "step")
-    if not low < high:
-        raise Refused(f"low = {low} is not below high = {high}", "swap them", "low")
-    is_log = _is_log(factor)
-    return FactorInfo(factor.key, name, (low, high), is_number=True, is_log=is_log, is_range=True)
+    if has_bounds:
+        if low is None or high is None:
+            raise source.wrong(f"factor {key} needs low and high", "give both", *place)
+        source.require(
+            low < high, f"low = {low} of {key} is not below high = {high}", "swap them", *place, "low"
+        )
+        message = f"fewer than two multiples of {step} lie between low and high of {key}"
+        is_wide = step is None or math.floor(high / step + 1e-9) > math.ceil(low / step - 1e-9)
+        source.require(is_wide, message, "take a smaller step", *place, "step")
+        values = [low, high]
+    else:
+        message = f"step has no effect on the listed values of {key}"
+        source.require(step is None, message, "remove it, or give low and high", *place, "step")
+        different = {float(value) if _is_number(value) else repr(value) for value in values}
+        message = f"factor {key} needs two or more different values"
+        kind = "levels" if factor.levels else "categories"
+        source.require(1 < len(values) == len(different), message, "give each once", *place, kind)
+    is_number = not factor.categories and all(map(_is_number, values))
+    is_log = is_number and factor.scale == "log"
+    message = f"values of {key} on a logarithmic scale have to be above 0"
+    is_positive = not is_log or min(map(float, values)) > 0
+    source.require(is_positive, message, 'say scale = "linear"', *place, "scale")
+    return FactorInfo(key, factor.name or key, tuple(values), is_number, is_log, is_range=has_bounds)
 
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _is_log(factor: Factor) -> bool:
-    values = [v for v in (*factor.levels, factor.low) if isinstance(v, int | float)]
-    if factor.scale == "log" and min(values) <= 0:
-        raise Refused("values on a logarithmic scale are above 0", 'say scale = "linear"', "scale")
-    return factor.scale == "log"
 
 
 def value_at(factor: FactorInfo, coded: float, step: float | None = None) -> Value:
@@ -246,7 +227,7 @@ class Points:
 
     name : of the design, in words
     blocks : of each point the number of its block within a replicate, from 0
-    tells_pairs : of a fraction, whether no product of two factors mixes with a factor or with another product
+    separates_pairs : whether no product of two factors mixes with a factor or with another product
     """
 
     name: str
@@ -254,45 +235,47 @@ class Points:
     blocks: tuple[int, ...] = ()
     aliases: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    tells_pairs: bool = False
+    separates_pairs: bool = False
 
 
 def points_of(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
-    """Return the points of a study's design. Raises Refused if there can be none."""
+    """Return the points of a study's design. Raises ProfileError if there can be none."""
     design = source.file.design
     makers = {"full": _full, "fractional": _fractional, "taguchi": _taguchi, "csv": _csv}
     try:
-        made = makers.get(design.kind, _coded_points)(source, factors)
+        points = makers.get(design.kind, _coded_points)(source, factors)
     except ValueError as error:
         hint, *keys = _REMEDIES[design.kind]
         key = next((key for key in keys if getattr(design, key)), keys[0])
-        raise Refused(str(error).rstrip("."), hint, key) from error
-    if not made.blocks:
-        made = _with_blocks(made, design.blocks)
-    size = len(made.settings) * design.replicates
-    if size > MOST_RUNS:
-        runs = f"{plural(len(made.settings), 'point')} with {plural(design.replicates, 'replicate')} are {size} runs"
-        raise Refused(f"{runs}, and at most {MOST_RUNS} are planned", "take a fraction, or fewer levels")
-    return made
+        raise source.wrong(str(error).rstrip("."), hint, "design", key) from error
+    if not points.blocks:
+        points = _with_blocks(source, points)
+    _refuse_many(source, len(points.settings) * design.replicates)
+    return points
+
+
+def _refuse_many(source: StudySource, runs: int) -> None:
+    message = f"the design has {runs} runs, and at most {MOST_RUNS} are planned"
+    source.require(runs <= MOST_RUNS, message, "take a fraction, an array or fewer levels", "design", "kind")
 
 
 _REMEDIES = {
-    "fractional": ("docs/study.md tells how fractions are named", "generators", "resolution"),
+    "fractional": ("docs/study.md shows how fractions are named", "generators", "resolution"),
     "taguchi": ("give other levels, or another array", "array"),
     "bbd": ("vary other factors, or take ccd", "kind"),
     "ccd": ("vary two factors or more, or take lhs", "alpha"),
     "sensitivity": ("take a power of two", "base"),
 }
-"""The hint on a design that cannot be, and the key of [design] that it names: the first of them that is given."""
+"""The hint on a design that is impossible, and keys of [design]: the error is at the first that is given."""
 
 
-def _with_blocks(points: Points, blocks: int) -> Points:
-    """Points dealt to blocks of about equal size: of many ways the one that mixes least with the factors."""
+def _with_blocks(source: StudySource, points: Points) -> Points:
+    """Assign points to blocks of about equal size, of many ways the one that mixes least with the factors."""
     import numpy as np
 
-    count = len(points.settings)
-    if blocks > count:
-        raise Refused(f"{blocks} blocks of {plural(count, 'point')}", "take fewer", "blocks")
+    count, blocks = len(points.settings), source.file.design.blocks
+    message = f"{blocks} blocks of {plural(count, 'point')}"
+    source.require(blocks <= count, message, "take fewer", "design", "blocks")
     if blocks == 1:
         return replace(points, blocks=(0,) * count)
     rng = np.random.default_rng(0)
@@ -301,7 +284,7 @@ def _with_blocks(points: Points, blocks: int) -> Points:
     best = min(ways, key=lambda way: mixing(points, range(count), way))
     notes = points.notes
     if mixing(points, range(count), best) > 1e-9:
-        notes = (*notes, "blocks mix a little with the effects of factors: the analysis takes both apart")
+        notes = (*notes, "blocks mix a little with the effects of factors: the analysis separates them")
     return replace(points, blocks=tuple(best), notes=notes)
 
 
@@ -330,9 +313,7 @@ def mixing(points: Points, order: Sequence[int], part_of: Sequence[int]) -> floa
 
 
 def _full(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
-    size = math.prod(len(factor.values) for factor in factors)
-    if size > MOST_RUNS:
-        raise Refused(f"all combinations are {size} runs", "take a fraction, an array or a sample")
+    _refuse_many(source, math.prod(len(factor.values) for factor in factors))
     rows = itertools.product(*(factor.values for factor in factors))
     settings = tuple({f.key: value for f, value in zip(factors, row, strict=True)} for row in rows)
     name = "full factorial " + " × ".join(str(len(f.values)) for f in factors)
@@ -341,15 +322,14 @@ def _full(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
         return Points(name, settings)
     # Blocks of two-level runs hide the longest products (Box, Hunter and Hunter 2005, chapter 5).
     words = hiding_words(len(factors), blocks.bit_length() - 1)
-    if not words:
-        message = f"{blocks} blocks of {plural(len(settings), 'run')} would hide the effect of a factor"
-        raise Refused(message, "take fewer blocks", "blocks")
+    message = f"{blocks} blocks of {plural(len(settings), 'run')} would hide the effect of a factor"
+    source.require(words, message, "take fewer blocks", "design", "blocks")
     numbers = []
-    for one in settings:
-        bits = [sum(one[factors[f].key] == factors[f].values[1] for f in word) % 2 for word in words]
+    for setting in settings:
+        bits = [sum(setting[factors[f].key] == factors[f].values[1] for f in word) % 2 for word in words]
         numbers.append(sum(bit << n for n, bit in enumerate(bits)))
-    hidden = ", ".join(letters_of(word) for word in words)
-    note = f"blocks cannot be told apart from {hidden} and their products"
+    hidden = ", ".join(map(letters_of, words))
+    note = f"blocks cannot be separated from {hidden} and their products"
     return Points(f"{name} in {blocks} blocks", settings, tuple(numbers), notes=(note,))
 
 
@@ -358,14 +338,15 @@ _ROMAN = {3: "III", 4: "IV", 5: "V", 6: "VI", 7: "VII", 8: "VIII", 9: "IX"}
 
 def _fractional(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     design, count = source.file.design, len(factors)
-    if many := [f.name for f in factors if len(f.values) != 2]:
-        message = f"a fractional factorial has factors of two levels, and {many[0]} has others"
-        raise Refused(message, "give low and high")
-    if bool(design.generators) == (design.resolution is not None):
-        raise Refused(
-            "a fractional factorial has either a resolution or generators",
-            'say resolution = 4, or generators = ["D = ABC"]',
-        )
+    for factor in factors:
+        message = f"a fractional factorial needs two levels of each factor; {factor.name} has others"
+        source.require(len(factor.values) == 2, message, "give low and high", "design", "kind")
+    source.require(
+        bool(design.generators) != (design.resolution is not None),
+        "a fractional factorial needs either a resolution or generators",
+        'say resolution = 4, or generators = ["D = ABC"]',
+        *("design", "kind"),
+    )
     if design.generators:
         fraction = fraction_of(count, design.generators)
     else:
@@ -376,19 +357,19 @@ def _fractional(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     ]
     name, resolution = f"full factorial 2^{count}", fraction.resolution
     if resolution is not None:
-        name = f"fractional factorial 2^({count}-{len(fraction.generators)}), "
-        name += f"resolution {_ROMAN.get(resolution, resolution)}"
+        roman = _ROMAN.get(resolution, resolution)
+        name = f"fractional factorial 2^({count}-{len(fraction.generators)}), resolution {roman}"
     lines = []
     for group in fraction.aliases():
         effects = [
-            ("" if sign > 0 else "−") + " × ".join(factors[one].name for one in sorted(effect))
+            ("" if sign > 0 else "−") + " × ".join(factors[n].name for n in sorted(effect))
             for effect, sign in group
         ]
         lines.append(" = ".join(effects))
     if more := max(0, len(lines) - MOST_ALIASES):
         lines[MOST_ALIASES:] = [f"and {more} more groups"]
-    tells_pairs = resolution is None or resolution >= 5
-    return Points(name, tuple(settings), aliases=tuple(lines), tells_pairs=tells_pairs)
+    separates_pairs = resolution is None or resolution >= 5
+    return Points(name, tuple(settings), aliases=tuple(lines), separates_pairs=separates_pairs)
 
 
 def _taguchi(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
@@ -397,44 +378,43 @@ def _taguchi(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     array, columns = array_for(counts, design.array)
     if design.columns:
         columns = tuple(column - 1 for column in design.columns)
-        are_columns = len(set(columns)) == len(columns) == len(factors) and all(
-            0 <= column < len(array.counts) for column in columns
+        are_columns = len(set(columns)) == len(columns) and set(columns) <= set(range(len(array.counts)))
+        source.require(
+            are_columns and [array.counts[column] for column in columns] == counts,
+            f"columns {', '.join(map(str, design.columns))} do not fit the levels of the factors",
+            f"{array.name} has columns of {', '.join(map(str, array.counts))} levels; give one a factor",
+            *("design", "columns"),
         )
-        if not are_columns or [array.counts[column] for column in columns] != counts:
-            raise Refused(
-                f"columns {', '.join(map(str, design.columns))} do not hold these factors",
-                f"{array.name} has columns of {', '.join(map(str, array.counts))} levels; give one a factor",
-                "columns",
-            )
     levels = array.levels[:, list(columns)]
     settings = [
         {f.key: f.values[level] for f, level in zip(factors, row, strict=True)} for row in levels.tolist()
     ]
-    note = (
-        "interactions of factors mix with the effects of others: an orthogonal array tells main effects alone"
-    )
     aliases = _array_aliases(levels, [f.name for f in factors])
+    note = "interactions mix with the effects of other factors: an orthogonal array shows main effects alone"
     return Points(f"Taguchi {array.name}", tuple(settings), (), aliases, (note,) if aliases else ())
 
 
 def _array_aliases(levels: Any, names: Sequence[str]) -> tuple[str, ...]:
-    """Which products of two factors mix with which main effects, by what their columns have in common."""
+    """Return which products of two factors are correlated with which main effects."""
     import numpy as np
 
     of_runs = dict(zip(names, levels.T.tolist(), strict=True))
     settings = Settings({}, of_runs, {name: sorted(set(column)) for name, column in of_runs.items()})
-    alone = {}
+    pairs = {
+        pair: model_matrix(settings, [tuple((n, 1) for n in pair)]).columns for pair in combinations(names, 2)
+    }
+    lines = []
     for name in names:
         columns = model_matrix(settings, [(), ((name, 1),)]).columns
         columns[:, 1:] -= columns[:, 1:].mean(axis=0)
-        alone[name] = np.linalg.qr(columns)[0][:, 1:]
-    found: dict[str, list[str]] = {name: [] for name in names}
-    for a, b in itertools.combinations(names, 2):
-        pair = model_matrix(settings, [((a, 1), (b, 1))]).columns
-        for name in names:
-            if name not in (a, b) and np.abs(alone[name].T @ pair).max() > 1e-9:
-                found[name].append(f"{a} × {b}")
-    lines = [f"{name} mixes with {', '.join(pairs)}" for name, pairs in found.items() if pairs]
+        alone = np.linalg.qr(columns)[0][:, 1:]
+        mixed = [
+            " × ".join(pair)
+            for pair, product in pairs.items()
+            if name not in pair and np.abs(alone.T @ product).max() > 1e-9
+        ]
+        if mixed:
+            lines.append(f"{name} mixes with {', '.join(mixed)}")
     return tuple(lines[:MOST_ALIASES])
 
 
@@ -442,10 +422,9 @@ def _coded_points(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     """Points of a design whose settings are places between the bounds, −1 … 1."""
     design, count = source.file.design, len(factors)
     if design.kind in ("bbd", "ccd"):
-        what = "a Box-Behnken design" if design.kind == "bbd" else "a central composite design"
-        if names := [factor.name for factor in factors if not factor.is_number]:
-            message = f"{what} varies numbers, and {names[0]} has none"
-            raise Refused(message, "give low and high, or take lhs")
+        for factor in factors:
+            message = f"a response-surface design varies numbers, and {factor.name} has none"
+            source.require(factor.is_number, message, "give low and high, or take lhs", "design", "kind")
     if design.kind == "bbd":
         name, rows = "Box-Behnken", box_behnken(count)
     elif design.kind == "ccd":
@@ -456,13 +435,12 @@ def _coded_points(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
         from edmctl.study.statistics.choice import sensitivity_points
 
         if design.base is None:
-            raise Refused("how many base samples there are is not said", "add base = 64 to [design]")
-        if (size := design.base * (count + 2)) > MOST_RUNS:
-            raise Refused(f"{size} runs are more than {MOST_RUNS}", "take fewer", "base")
+            raise source.wrong("base is missing", "add base = 64 to [design]", "design", "kind")
+        _refuse_many(source, design.base * (count + 2))
         name = f"Sobol indices, {design.base} base samples"
         rows = 2 * sensitivity_points(count, design.base, design.seed) - 1
     elif design.runs is None:
-        raise Refused("how many points there are is not said", "add runs = 20 to [design]")
+        raise source.wrong("runs is missing", "add runs = 20 to [design]", "design", "kind")
     elif design.kind == "lhs":
         name, rows = f"Latin hypercube of {design.runs}", latin_hypercube(count, design.runs, design.seed)
     else:
@@ -475,36 +453,35 @@ def _coded_points(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
 
 
 def _csv(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
-    name, keys = source.file.design.file, [factor.key for factor in factors]
+    name, keys, place = source.file.design.file, [factor.key for factor in factors], ("design", "file")
     if name is None:
-        raise Refused("which table has the points is not said", 'add file = "points.csv" to [design]')
+        raise source.wrong("file is missing", 'add file = "points.csv" to [design]', "design", "kind")
     try:
         table = read_table(user_path(name, source.path.parent), keys)
         if missing := [key for key in keys if key not in table.columns]:
             raise table.without(missing, "Head a column with each factor's key.")
         rows = list(table.rows())
     except RecordError as error:
-        raise Refused(error.message.rstrip("."), error.hint.rstrip("."), "file") from None
-    if not rows:
-        raise Refused(f"{name} has no row under its columns", "add a row for each point", "file")
-    settings = [
-        {f.key: _value_in_table(f, row[f.key], f"{name}, line {line}") for f in factors} for line, row in rows
-    ]
+        raise source.wrong(error.message.rstrip("."), error.hint.rstrip("."), *place) from None
+    source.require(rows, f"{name} has no row under its columns", "add a row for each point", *place)
+    settings = []
+    for line, row in rows:
+        values = {factor.key: _value_of(factor, row[factor.key]) for factor in factors}
+        for factor in factors:
+            message = f"{name}, line {line}: {factor.name} = {row[factor.key]} is not one of its values"
+            hint = "correct it, or change the factor"
+            source.require(is_within(factor, values[factor.key]), message, hint, *place)
+        settings.append(values)
     return Points(f"points of {name}", tuple(settings))
 
 
-def _value_in_table(factor: FactorInfo, text: str, place: str) -> Value:
+def _value_of(factor: FactorInfo, text: str) -> Any:
+    """Return the value of a factor that a cell contains; None for another text."""
     if not factor.is_number:
-        if found := [value for value in factor.values if str(value) == text]:
-            return found[0]
-        raise Refused(f"{place}: {text!r} is none of {factor.name}'s values", "correct it", "file")
-    value, (low, high) = number_of(text), _bounds(factor)
-    if value is None:
-        raise Refused(f"{place}: {text!r} is no number", "correct it", "file")
-    if not low <= value <= high:
-        message = f"{place}: {factor.name} = {value:g} lies beyond {low:g} to {high:g}"
-        raise Refused(message, "correct it, or widen the factor", "file")
-    return int(value) if value.is_integer() and all(isinstance(v, int) for v in factor.values) else value
+        return next((value for value in factor.values if str(value) == text), None)
+    value = number_of(text)
+    is_whole = value is not None and value.is_integer() and all(isinstance(one, int) for one in factor.values)
+    return round(value or 0.0) if is_whole else value
 
 
 def center_of(source: StudySource, factors: Sequence[FactorInfo]) -> dict[str, Value]:
@@ -536,7 +513,7 @@ def model_of(source: StudySource, factors: Sequence[FactorInfo], points: Points)
     if kind == "taguchi":
         return "main" if of_two_levels else LEVELS  # a centre run shows curvature
     if kind == "fractional":
-        return "interactions" if points.tells_pairs else "main"
+        return "interactions" if points.separates_pairs else "main"
     return QUADRATIC
 
 

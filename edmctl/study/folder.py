@@ -1,8 +1,8 @@
-"""The folder of a study: file, profile, setup and plan as they were when it began, and the rows of its runs.
+"""The folder of a study: file, profile, setup and plan as they were at the start, and the rows of its runs.
 
 DIR/study.toml profile.toml setup.toml plan.json    written once; plan.json has the hashes of the others
 DIR/rows/*.jsonl                                    appended, one file a writer
-DIR/runs/*.h5                                       run files, with ledger and journals on a machine that lasts
+DIR/runs/*.h5                                       run files, with ledger and journals on a persistent machine
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ import shlex
 import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl import failures
 from edmctl.dataclasses import asdict, dataclass, replace
-from edmctl.errors import Diagnostic, EdmError, PreconditionError, ProfileError, RunFileError, UsageError
+from edmctl.errors import Diagnostic, ProfileError, RunFileError, UsageError
 from edmctl.files import json_of, open_descriptor, read_bytes, user_path
 from edmctl.jobs.output_files import make_folder, unwritable, write
 from edmctl.jobs.plan import SIMULATOR, JobRequest, MachineAddress
@@ -59,7 +59,6 @@ ADDING_S = 30.0
 """Runs are added one after the other: reading all rows takes a moment."""
 STUDY, PROFILE, SETUP, CALIBRATION = "study.toml", "profile.toml", "setup.toml", "calibration.toml"
 PLAN, ROWS, RUNS = "plan.json", "rows", "runs"
-RUN, TOLD, JUDGED, PLANNED, PAUSED, MACHINE = "run", "told", "judged", "planned", "paused", "machine"
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +90,7 @@ class Added:
 
 @dataclass(frozen=True, slots=True)
 class Paused:
-    """Why the study stopped before a run on a machine that lasts."""
+    """Why the study stopped before a run on a persistent machine."""
 
     number: int
     why: str
@@ -100,63 +99,75 @@ class Paused:
 
 @dataclass(frozen=True, slots=True)
 class OnMachine:
-    """The machine that lasts on which the runs are made, with the whole path of a virtual bench."""
+    """The persistent machine on which the runs are made, with the absolute path of a virtual bench."""
 
     port: str
     bench: str = ""
 
     @property
     def port_from_here(self) -> str:
-        """The port; the bench by its whole path where its name leads to another one from here."""
+        """The port; with the absolute path of the bench if its name leads to another one from here."""
         is_same = not self.bench or bench_of(self.port) == self.bench
         return self.port if is_same else f"{SIMULATOR}{self.bench}"
+
+
+_KINDS = {
+    "run": RunRow,
+    "told": Told,
+    "judged": Judged,
+    "planned": Added,
+    "paused": Paused,
+    "machine": OnMachine,
+}
+"""The records of rows, by the kind that a row names."""
 
 
 class StudyWriter(RowWriter):
     """Appends the rows of a study."""
 
+    def _add(self, record: RunRow | Told | Judged | Added | Paused | OnMachine) -> None:
+        self.append(next(kind for kind, schema in _KINDS.items() if type(record) is schema), asdict(record))
+
     def run(self, row: RunRow) -> None:
         """Append the outcome of a run."""
-        self.append(RUN, asdict(row))
+        self._add(row)
 
     def told(self, run: StudyRun, values: Mapping[str, float | None]) -> None:
-        """Append reported values of a run, of its first attempt where it is not made yet; None withdraws."""
-        attempt = run.row.attempt if run.row is not None else 1
-        self.append(TOLD, asdict(Told(run.planned.number, values, attempt)))
+        """Append reported values of a run, of its first attempt if it is not made yet; None withdraws."""
+        self._add(Told(run.planned.number, values, run.attempts or 1))
 
     def judged(self, run: StudyRun, judgement: Judgement, reason: str) -> None:
         """Append a judgement of a run's last attempt."""
-        self.append(JUDGED, asdict(Judged(run.planned.number, run.attempts, judgement, reason)))
+        self._add(Judged(run.planned.number, run.attempts, judgement, reason))
 
     def paused(self, run: StudyRun, why: str, worn_tool: int | None = None) -> None:
         """Append why the study stops before a run."""
-        self.append(PAUSED, asdict(Paused(run.planned.number, why, worn_tool)))
+        self._add(Paused(run.planned.number, why, worn_tool))
 
     def on_machine(self, port: str) -> None:
         """Append the port of the machine on which the runs are made."""
-        self.append(MACHINE, asdict(OnMachine(port, bench_of(port))))
+        self._add(OnMachine(port, bench_of(port)))
 
     def planned(self, runs: Sequence[PlannedRun], expected: Mapping[str, Interval] | None = None) -> None:
-        """Append runs that are not in the plan, suggestions or confirmations: all of them in one line, or none.
+        """Append runs that are not in the plan: all of them in one line, or none.
 
         `expected` is stored with confirmations: later runs do not change it.
         """
-        row: dict[str, object] = {"runs": [asdict(run) for run in runs]}
         if expected is not None:
-            row["expected"] = {name: one for name, one in expected.items() if all(map(math.isfinite, one))}
-        self.append(PLANNED, row)
+            expected = {name: values for name, values in expected.items() if all(map(math.isfinite, values))}
+        self._add(Added(tuple(runs), expected))
 
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """All rows of a study: attempts by run, later knowledge, added runs and damaged lines (`torn`).
+    """All rows of a study: attempts by run, reported values and judgements, added runs, and damaged lines (`torn`).
 
-    reports : what was told and judged, by run, in the order of time
+    reports : by run, in the order of time
     expected : of confirmations, by run
-    port : of the machine that lasts on which the runs are made, if they are made on one
+    port : of the persistent machine on which the runs are made, if any
     """
 
-    attempts: Mapping[int, tuple[RunRow, ...]]
+    attempts: Mapping[int, Sequence[RunRow]]
     reports: Mapping[int, Sequence[Told | Judged]]
     added: tuple[PlannedRun, ...]
     expected: Mapping[int, Mapping[str, Interval]]
@@ -165,18 +176,18 @@ class Rows:
     torn: int = 0
 
     def of(self, planned: PlannedRun) -> StudyRun:
-        """Return a run with all that is known of it."""
-        last = next(iter(self.attempts.get(planned.number, ())[::-1]), None)
+        """Return a run with all that is known of its last attempt."""
+        attempts = self.attempts.get(planned.number, ())
+        last = attempts[-1] if attempts else None
         attempt = last.attempt if last else 0
-        told: dict[str, float | None] = {}
+        values: dict[str, float | None] = {}
         judgement, reason = None, ""
-        for one in self.reports.get(planned.number, ()):
-            if isinstance(one, Judged):
-                if one.attempt == attempt:
-                    judgement, reason = one.judgement, one.reason
-            elif one.attempt == max(1, attempt):
-                told.update(one.values)
-        known = {name: value for name, value in told.items() if value is not None}
+        for report in self.reports.get(planned.number, ()):
+            if isinstance(report, Told) and report.attempt == max(1, attempt):
+                values.update(report.values)
+            elif isinstance(report, Judged) and report.attempt == attempt:
+                judgement, reason = report.judgement, report.reason
+        known = {name: value for name, value in values.items() if value is not None}
         return StudyRun(planned, last, known, judgement, reason, attempt)
 
 
@@ -184,8 +195,7 @@ class Rows:
 def _schemas() -> dict[str, TypeAdapter[Any]]:
     from pydantic import TypeAdapter
 
-    kinds = {RUN: RunRow, TOLD: Told, JUDGED: Judged, PLANNED: Added, PAUSED: Paused, MACHINE: OnMachine}
-    return {kind: TypeAdapter(schema) for kind, schema in kinds.items()}
+    return {kind: TypeAdapter(schema) for kind, schema in _KINDS.items()}
 
 
 def read_rows(folder: Path) -> Rows:
@@ -201,8 +211,8 @@ def read_rows(folder: Path) -> Rows:
         if schema is None:
             continue  # of another version
         try:
+            need(are_possible(values))
             row = schema.validate_json(json.dumps(values), strict=True)
-            need(all(abs(number) <= LARGEST for number in _numbers(row)))
         except (ValueError, OverflowError):
             torn += 1
             continue
@@ -218,23 +228,18 @@ def read_rows(folder: Path) -> Rows:
             paused = row
         else:
             port = row.port_from_here
-    by_number = {number: tuple(found[n] for n in sorted(found)) for number, found in attempts.items()}
+    by_number = {number: [rows[n] for n in sorted(rows)] for number, rows in attempts.items()}
     in_order = tuple(added[number] for number in sorted(added))
     return Rows(by_number, reports, in_order, expected, paused, port, torn)
 
 
-def _numbers(row: object) -> Iterator[float]:
-    """The measured numbers of a row, which have a largest value. Raises ValueError for a count that cannot be."""
-    if isinstance(row, RunRow):
-        counts = (row.number, row.point, row.replicate, row.block, row.tool, row.attempt, row.order)
-        need(_are_counts(*counts, row.seed or 0))
-        yield from (row.duration_s, *(row.site_um or ()))
-    named = (row.responses, row.u, row.u95, row.truth) if isinstance(row, RunRow) else ()
-    for values in (row.values,) if isinstance(row, Told) else named:
-        yield from (value for value in values.values() if value is not None)
-    if isinstance(row, Added):
-        for interval in (row.expected or {}).values():
-            yield from interval
+def are_possible(value: object) -> bool:
+    """Return whether all numbers in a JSON value are in the range that a study can have."""
+    if isinstance(value, dict | list):
+        return all(map(are_possible, value.values() if isinstance(value, dict) else value))
+    return not isinstance(value, int | float) or abs(value) <= (
+        LARGEST if isinstance(value, float) else 2**63
+    )
 
 
 def need(is_right: bool) -> None:
@@ -243,14 +248,10 @@ def need(is_right: bool) -> None:
         raise ValueError("not of this version")
 
 
-def _are_counts(*values: int) -> bool:
-    return all(0 <= value < 2**63 for value in values)
-
-
 def is_run_of(run: PlannedRun, factors: Sequence[FactorInfo]) -> bool:
-    """Return whether a run has a value of each factor, and numbers that can be."""
+    """Return whether a run has a permitted value of each factor, and counts and a seed of 0 or more."""
     return (
-        _are_counts(run.number, run.point, run.replicate, run.block, run.seed, run.tool)
+        min(run.number, run.point, run.replicate, run.block, run.seed, run.tool) >= 0
         and run.settings.keys() == {factor.key for factor in factors}
         and all(is_within(factor, run.settings[factor.key]) for factor in factors)
     )
@@ -264,17 +265,13 @@ def bench_of(port: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class StudyFolder:
-    """A study that is run, or was: its fields never change, `read` returns its progress.
-
-    changes : hold for every run beside what the file says
-    """
+    """A study on disk: its fields never change, `read` returns its progress."""
 
     path: Path
     source: StudySource
     plan: StudyPlan
     recipes: Mapping[int, tuple[str, str]]
     version: str
-    changes: tuple[str, ...] = ()
     has_setup: bool = False
 
     @property
@@ -290,10 +287,9 @@ class StudyFolder:
     @property
     def base(self) -> JobRequest:
         """The job that all runs begin with, from the folder's own files."""
-        folder = self.path.resolve()  # for workers that stand in another one
-        request = base_request(self.source, self.changes)
+        folder = self.path.resolve()  # for workers with another working folder
         setup = folder / SETUP if self.has_setup else None
-        return replace(request, profile=str(folder / PROFILE), setup=setup)
+        return replace(base_request(self.source), profile=str(folder / PROFILE), setup=setup)
 
     def command(self, name: str, *words: str) -> str:
         """Return the command `edmctl study NAME` about this study, as a shell takes it."""
@@ -319,28 +315,19 @@ class StudyFolder:
         self.rows.mkdir(parents=True, exist_ok=True)
         path, end_s = self.rows / f"{part}.lock", time.monotonic() + wait_s
         with ExitStack() as held:
-            while True:
-                try:
-                    held.enter_context(_locked(path))
-                    break
-                except BlockingIOError:
-                    if time.monotonic() < end_s:
-                        time.sleep(LOOKS_EVERY_S)
-                        continue
-                except OSError as refused:
-                    raise failures.study_folder_not_locked(path=path, reason=refused.strerror) from refused
-                raise failures.study_is_running(path=self.path, command=self.command("status"))
+            try:
+                descriptor = open_descriptor(path, os.O_CREAT | os.O_RDWR)
+                held.callback(os.close, descriptor)
+                while True:
+                    with suppress(BlockingIOError):
+                        held.enter_context(exclusive(descriptor))
+                        break
+                    if time.monotonic() >= end_s:
+                        raise failures.study_is_running(path=self.path, command=self.command("status"))
+                    time.sleep(LOOKS_EVERY_S)
+            except OSError as refused:
+                raise failures.study_folder_not_locked(path=path, reason=refused.strerror) from refused
             yield
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    descriptor = open_descriptor(path, os.O_CREAT | os.O_RDWR)
-    try:
-        with exclusive(descriptor):
-            yield
-    finally:
-        os.close(descriptor)
 
 
 @dataclass(frozen=True, slots=True)
@@ -379,40 +366,27 @@ def create_folder(path: Path, planned: PlannedStudy) -> StudyFolder:
     if not path.name:
         path = path.resolve()  # "." has no name beside which another can be made
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise _taken(path, planned)
+        raise _taken(path)
     make_folder(path.parent)
-    made = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    make_folder(made)
+    draft = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    make_folder(draft)
     try:
         for name, content in _files(planned).items():
-            write(made / name, content)
-        made.replace(path)  # onto nothing, or onto an empty folder
+            write(draft / name, content)
+        draft.replace(path)  # onto nothing, or onto an empty folder
     except OSError as refused:
         if (path / PLAN).exists():
-            raise _taken(path, planned) from None
+            raise _taken(path) from None
         raise unwritable(f"into {path}", str(refused.strerror), "Check the path.") from refused
     finally:
-        shutil.rmtree(made, ignore_errors=True)
+        shutil.rmtree(draft, ignore_errors=True)
     return open_folder(path)
 
 
-def _taken(path: Path, planned: PlannedStudy) -> RunFileError:
-    """Return the error of a folder that contains something: this study, another one, or no study at all."""
-    if not (path / PLAN).exists():
-        return failures.study_folder_not_empty(path=path)
-    try:
-        there = open_folder(path)
-    except EdmError as error:
-        return failures.folder_has_unreadable_study(path=path, message=error.message)
-    has_same_file = there.source.text == planned.source.text
-    if has_same_file and (there.plan, there.changes) == (planned.plan, planned.changes):
-        return failures.folder_has_this_study(path=path, command=there.command("status"))
-    what = f"another study, {there.plan.name}"
-    if has_same_file:
-        what = "a study of the same file with another plan: its profile or setup was changed since"
-    if there.changes != planned.changes:
-        what = f"a study with {' '.join(there.changes) or 'nothing changed'}"
-    return failures.folder_has_another_study(path=path, what=what, command=there.command("status"))
+def _taken(path: Path) -> RunFileError:
+    if (path / PLAN).exists():
+        return failures.folder_has_a_study(path=path, quoted_path=shlex.quote(str(path)))
+    return failures.study_folder_not_empty(path=path)
 
 
 def _files(planned: PlannedStudy) -> dict[str, bytes]:
@@ -422,15 +396,17 @@ def _files(planned: PlannedStudy) -> dict[str, bytes]:
         "schema": SCHEMA,
         "edmctl": __version__,
         "sha256": {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()},
-        "recipes": {str(point): list(one) for point, one in planned.recipes.items()},
+        "recipes": {str(point): list(hashes) for point, hashes in planned.recipes.items()},
         "plan": asdict(planned.plan),
     }
-    if planned.changes:
-        document["changes"] = list(planned.changes)
-    body = json.dumps(document, ensure_ascii=False, allow_nan=False)
-    digest = hashlib.sha256(body.encode()).hexdigest()
+    digest = hashlib.sha256(_body(document)).hexdigest()
     written = json.dumps({"sha256": digest, "study": document}, ensure_ascii=False, indent=1, allow_nan=False)
     return {**contents, PLAN: f"{written}\n".encode()}
+
+
+def _body(document: object) -> bytes:
+    """Return the bytes of a plan document that its hash is of."""
+    return json.dumps(document, ensure_ascii=False, allow_nan=False).encode()
 
 
 def _texts(planned: PlannedStudy) -> dict[str, str]:
@@ -458,8 +434,8 @@ def _texts(planned: PlannedStudy) -> dict[str, str]:
 def open_folder(path: Path) -> StudyFolder:
     """Open the folder of a study.
 
-    Raises UsageError E2101 if it is none, PreconditionError E8202 if a file of it was changed since the study began,
-    or if its plan is not one of this version.
+    Raises UsageError E2101 if it is none, PreconditionError E8202 if one of its files was changed, or if its plan is
+    of another version.
     """
     try:
         content = read_bytes(path / PLAN, PLAN_BYTES)
@@ -468,13 +444,14 @@ def open_folder(path: Path) -> StudyFolder:
     try:
         document = json_of(content)
         study = document["study"]
-        body = json.dumps(study, ensure_ascii=False, allow_nan=False).encode()
+        body = _body(study)
         is_whole = hashlib.sha256(body).hexdigest() == document["sha256"]
     except (ValueError, KeyError, TypeError):
         is_whole = False
     if not is_whole:
-        raise _changed(path, PLAN)
+        raise failures.study_file_changed(path=path / PLAN)
     try:
+        need(are_possible(study))
         return _folder_of(path, body)
     except (ValueError, ProfileError, UsageError) as refused:
         made_by = study.get("edmctl") if isinstance(study, dict) else None
@@ -488,33 +465,27 @@ def _folder_of(path: Path, body: bytes) -> StudyFolder:
     study = TypeAdapter(PlanDocument).validate_json(body, strict=True)
     names = study.sha256.keys()
     need(study.schema == SCHEMA and {STUDY, PROFILE} <= names <= {STUDY, PROFILE, SETUP, CALIBRATION})
-    texts = {}
+    texts: dict[str, bytes] = {}
     for name, digest in study.sha256.items():
-        try:
+        with suppress(OSError):
             texts[name] = read_bytes(path / name)
-        except OSError:
-            raise _changed(path, name) from None
-        if hashlib.sha256(texts[name]).hexdigest() != digest:
-            raise _changed(path, name)
+        if hashlib.sha256(texts.get(name, b"")).hexdigest() != digest:
+            raise failures.study_file_changed(path=path / name)
     plan, source = study.plan, study_of(texts[STUDY].decode(), path / STUDY)
-    factors, wrong = factors_of(source)
+    factors = factors_of(source)
     points = {run.point for run in plan.runs}
-    need(not wrong and replace(plan, **stated_in(source, factors)) == plan)
+    need(replace(plan, **stated_in(source, factors)) == plan)
     need(plan.model in (SENSITIVITY, *LADDERS[0], *LADDERS[1]))
     need((plan.model == SENSITIVITY) == (source.file.design.kind == SENSITIVITY))
     need(plan.points == len(points) > 0 and study.recipes.keys() == points)
     for number, run in enumerate(plan.runs, 1):
         need(run.number == number and is_run_of(run, factors) and run.replicate <= plan.replicates)
         need(run.kind in (RunKind.DESIGN, RunKind.CENTER))
-    return StudyFolder(path, source, plan, study.recipes, study.edmctl, study.changes, SETUP in names)
-
-
-def _changed(path: Path, name: str) -> PreconditionError:
-    return failures.study_file_changed(path=path / name)
+    return StudyFolder(path, source, plan, study.recipes, study.edmctl, SETUP in names)
 
 
 def version_warning(folder: StudyFolder) -> list[Diagnostic]:
-    """Return a warning where another version began the study."""
+    """Return a warning if another version began the study."""
     if folder.version == __version__:
         return []
     return [failures.study_of_another_version(version=folder.version, own_version=__version__)]

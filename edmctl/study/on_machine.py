@@ -1,4 +1,4 @@
-"""Running a study on a machine that lasts: hole after hole at the next free place, tool after tool.
+"""Running a study on a persistent machine: hole after hole at the next free place, tool after tool.
 
 Any error stops the study in a state from which the next command continues: an interrupted hole is resumed, one that
 was finished without a row is read from its run file.
@@ -9,19 +9,14 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import (
-    Diagnostic,
-    EdmError,
-    ObjectiveNotReached,
-    PreconditionError,
-    RunFileError,
-)
+from edmctl.errors import Diagnostic, EdmError, ObjectiveNotReached, PreconditionError, RunFileError
 from edmctl.files import path_variable
 from edmctl.jobs.ledger.prepared_job import WALL_UM
 from edmctl.jobs.plan import Plan, check
@@ -38,9 +33,12 @@ from edmctl.study.running import bare_row, refuse_other_recipe, row_of, run_name
 from edmctl.study.suggestions import opening_run
 from edmctl.wording import coordinates, plural, settings_words
 
-WORN_OUT = "E8043"
+if TYPE_CHECKING:
+    from edmctl.jobs.plan import Resumption
+
+WORN_OUT, NOT_BEGUN, FINISHED = "E8043", "E8050", "E8051"
 JOB_RESUMED = re.compile(r"Go on with `edmctl machine --resume[^`]*`[^.]*\.")
-"""How a job alone would go on; that of a study is resumed with the study."""
+"""How a job alone is resumed; that of a study is resumed with the study."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +63,10 @@ class MachineRuns:
 
 
 def run_on_machine(folder: StudyFolder, options: MachineRuns, observer: SeriesObserver) -> int:
-    """Make the runs that are left, one after the other; return how many were made.
+    """Make the open runs, one after the other; return how many were made.
 
     Raises PreconditionError: E8201 another command runs the study, E8204 the tool has to be changed, E8205 a run
-    waits for approval, E8207 no place is free; and the error of a run that stopped the study, with the way on.
+    waits for approval, E8207 no place is free; and the error of a run that stopped the study, with the remedy.
     """
     if folder.source.file.machine is None:
         raise failures.study_without_machine()
@@ -79,7 +77,7 @@ def run_on_machine(folder: StudyFolder, options: MachineRuns, observer: SeriesOb
 
 
 def without_port(folder: StudyFolder) -> list[Diagnostic]:
-    """Return a warning where a study that says a machine is made on virtual ones."""
+    """Return a warning if a study with a [machine] is made on virtual machines."""
     if folder.source.file.machine is None:
         return []
     return [failures.study_on_virtual_machines()]
@@ -97,8 +95,8 @@ class _Series:
         made = 0
         while self._options.most is None or made < self._options.most:
             state = self._folder.read()
-            left = sum(run.state is RunState.OPEN for run in state.runs)
-            self._observer.runs(len(state.runs) - left, len(state.runs))
+            remaining = sum(run.state is RunState.OPEN for run in state.runs)
+            self._observer.runs(len(state.runs) - remaining, len(state.runs))
             if (run := next_run(state)) is None:
                 break
             if made:
@@ -108,79 +106,91 @@ class _Series:
         return made
 
     def _make(self, run: StudyRun) -> None:
-        name = run_name(self._folder.runs, run.planned, run.attempts + 1, datetime.now(UTC))
-        bare = bare_row(run.planned, run.attempts + 1, None, datetime.now(UTC))
-        left = self._left(run, name)
-        if isinstance(left, tuple):
-            self._keep(run, replace(bare, tool=self._tool_of_begun(run)), *left, None)
-            return
-        if left is not None and self._new_tool:
-            raise failures.new_tool_in_interrupted_hole(number=run.planned.number, run=self._giving_up(run))
-        tool = self._look_at_tool(run) if left is None else self._tool_of_begun(run)
-        if left is None and (opening := self._opening_run(run, tool)) is not None:
-            self._make(opening)
-            return
-        begun = left if left is not None else self._fresh(run, name)
-        if left is None and self._wants_approval(run) and not self._options.approve(run, begun.plan):
-            raise failures.run_not_approved(number=run.planned.number, value=self._command())
+        """Make a run: read a finished hole from its run file, resume an interrupted one, or begin a new one."""
         from edmctl.jobs.job import carry_out
+        from edmctl.jobs.resume import find_run
 
-        what = "resuming" if left is not None else "making"
-        where = f"{settings_words(run.planned.settings)}, at {coordinates(*begun.site_um)}"
-        self._observer.note(f"{what} run {run.planned.number}: {where}")
-        seed, warn = self._folder.source.file.design.seed, self._options.warn
-        before = Ledger.open(self._folder.runs).lines if self._folder.runs.is_dir() else ()
-        serial = before[-1].serial if before else ""  # of the machine that has made the runs until now
-        report = carry_out(begun.plan, seed, self._observer, begun.name, warn, serial)
+        name = run_name(self._folder.runs, run.planned, run.attempts + 1, datetime.now(UTC))
+        row = bare_row(run.planned, run.attempts + 1, None, datetime.now(UTC))
+        resumption = None
+        try:
+            resumption = find_run(name.run_id, self._folder.runs, homed=self._options.homed)
+        except PreconditionError as error:
+            if error.code not in (NOT_BEGUN, FINISHED):
+                raise
+            if error.code == FINISHED and (finished := _finished(name)) is not None:
+                result, file = finished
+                row = replace(row, tool=self._tool_of_begun(run), site_um=_place_of(result))
+                self._keep(run, row, result, file, None)
+                return
+        if resumption is not None:
+            tool = self._tool_of_begun(run)
+            plan, name, site_um = self._resumed(run, resumption)
+        else:
+            tool = self._checked_tool(run)
+            if (opening := self._opening_run(run, tool)) is not None:
+                self._make(opening)
+                return
+            plan, site_um = self._begun(run)
+            if self._needs_approval(run) and not self._options.approve(run, plan):
+                raise failures.run_not_approved(number=run.planned.number, value=self._command())
+        verb = "making" if resumption is None else "resuming"
+        settings = settings_words(run.planned.settings)
+        self._observer.note(f"{verb} run {run.planned.number}: {settings}, at {coordinates(*site_um)}")
+        lines = Ledger.open(self._folder.runs).lines if self._folder.runs.is_dir() else ()
+        serial = lines[-1].serial if lines else ""  # of the machine that has made the runs before
+        seed = self._folder.source.file.design.seed
+        report = carry_out(plan, seed, self._observer, name, self._options.warn, serial)
         if report.error is not None and not isinstance(report.error, ObjectiveNotReached):
             self._stop(run, report.error)
         self._new_tool = False
-        made = replace(bare, tool=tool, site_um=begun.site_um)
-        self._keep(run, made, report.to_dict(), report.run_file, report.error)
+        row = replace(row, tool=tool, site_um=site_um)
+        self._keep(run, row, report.to_dict(), report.run_file, report.error)
 
-    def _left(self, run: StudyRun, name: RunName) -> _Begun | tuple[dict[str, JsonValue], Path] | None:
-        """Return what an earlier command left of an attempt: a hole to resume, a result without a row, or None."""
-        from edmctl.jobs.resume import checked, find_run, name_of_resumed
+    def _resumed(self, run: StudyRun, resumption: Resumption) -> tuple[Plan, RunName, tuple[float, float]]:
+        from edmctl.jobs.resume import checked, name_of_resumed
         from edmctl.jobs.runs.opening import recovered_before
 
         options = self._options
-        try:
-            resumption = find_run(name.run_id, self._folder.runs, homed=options.homed)
-        except PreconditionError as error:
-            if error.code == "E8051":
-                return _finished(name)
-            if error.code != "E8050":
-                raise
-            return None
+        abandon = self._folder.command("judge", str(run.planned.number), "repeat", "REASON")
+        if self._new_tool:
+            raise failures.new_tool_in_interrupted_hole(number=run.planned.number, run=abandon)
         try:
             plan = checked(resumption, options.port, options.wait_s, options.surroundings)
         except PreconditionError as error:
-            way_out = f"To give the hole up and make the run at another place: `{self._giving_up(run)}`."
-            error.hint = f"{error.hint} {way_out}".strip()
+            remedy = f"To abandon the hole and make the run at another place: `{abandon}`."
+            error.hint = f"{error.hint} {remedy}".strip()
             raise
         options.warn(recovered_before(resumption))
         _, x_um, y_um, *_ = resumption.job.places[0]
-        return _Begun(plan, name_of_resumed(resumption, None, datetime.now(UTC)), (x_um, y_um))
+        return plan, name_of_resumed(resumption, None, datetime.now(UTC)), (x_um, y_um)
 
-    def _fresh(self, run: StudyRun, name: RunName) -> _Begun:
+    def _begun(self, run: StudyRun) -> tuple[Plan, tuple[float, float]]:
+        """Return the job of a new hole at the first free place of the grid."""
         options, planned = self._options, run.planned
         setup = self._folder.base.setup or path_variable(SETUP_VARIABLE, options.surroundings.environ)
         base = replace(self._folder.base, setup=setup, port=options.port, wait_s=options.wait_s)
         request = request_of(base, planned.settings)
-        without_place = check(request, options.surroundings)
-        refuse_other_recipe(without_place, self._folder.recipes.get(planned.point), planned)
-        x_um, y_um = self._next_free_um(without_place)
-        at = f'sites=[{{x_um={x_um!r}, y_um={y_um!r}, name="run{planned.number:04d}"}}]'
-        request = replace(request, overrides=(*request.overrides, at), new_tool=self._new_tool)
-        return _Begun(check(request, options.surroundings), name, (x_um, y_um))
+        plan = check(request, options.surroundings)
+        refuse_other_recipe(plan, self._folder.recipes.get(planned.point), planned)
+        x_um, y_um = self._next_free_um(plan)
+        site = f'sites=[{{x_um={x_um!r}, y_um={y_um!r}, name="run{planned.number:04d}"}}]'
+        request = replace(request, overrides=(*request.overrides, site), new_tool=self._new_tool)
+        return check(request, options.surroundings), (x_um, y_um)
 
     def _next_free_um(self, plan: Plan) -> tuple[float, float]:
-        """The first place of the grid that is clear of every hole that was made or begun."""
+        """Return the first place of the grid that is clear of every hole that was made or begun."""
         profile = plan.loaded.profile
-        radius_um = profile.tool.diameter_um / 2.0 + profile.work.side_gap_um
-        taken = list(_taken(self._folder.runs))
+        clear_um = profile.tool.diameter_um / 2.0 + profile.work.side_gap_um + WALL_UM / 2
+        taken: list[tuple[float, float, float]] = []
+        for line in Ledger.open(self._folder.runs).lines if self._folder.runs.is_dir() else ():
+            entry = line.entry
+            if isinstance(entry, JobBegun):
+                taken += [(x_um, y_um, entry.radius_um) for _, x_um, y_um in entry.places]
+            elif isinstance(entry, SiteMachined):
+                taken.append((entry.x_um, entry.y_um, entry.radius_um))
         for x_um, y_um in grid_of(self._machine):
-            if all(math.hypot(x_um - x, y_um - y) >= radius_um + own + WALL_UM / 2 for x, y, own in taken):
+            if all(math.hypot(x_um - x, y_um - y) >= clear_um + radius_um for x, y, radius_um in taken):
                 return x_um, y_um
         raise failures.grid_full()
 
@@ -198,114 +208,106 @@ class _Series:
                 is_new = False
         return max(made[-1].tool + 1, run.planned.tool) if is_new else made[-1].tool
 
-    def _look_at_tool(self, run: StudyRun) -> int:
-        """Return the number of the tool in the machine; stop where the run is of another one than the run before."""
+    def _checked_tool(self, run: StudyRun) -> int:
+        """Return the number of the tool in the machine. Raises PreconditionError E8204 if another one is due."""
         state = self._folder.read()
-        made = _made(state)
-        if not made:
-            return max(1, run.planned.tool)
-        tool = made[-1].tool
-        if self._new_tool:
+        tool, made = _tool_in_use(state, run), _made(state)
+        if self._new_tool and made:
             return max(tool + 1, run.planned.tool)
         if is_of_next_tool(state, run):
-            holes = sum(row.tool == tool for row in made)
+            holes = plural(sum(row.tool == tool for row in made), "hole")
             self._writer.paused(run, f"tool {tool} is done")
             raise failures.tool_change_due(
-                tool=tool, holes=plural(holes, "hole"), number=run.planned.number, value=self._command()
+                tool=tool, holes=holes, number=run.planned.number, value=self._command()
             )
         return tool
 
     def _opening_run(self, run: StudyRun, tool: int) -> StudyRun | None:
-        """Return the centre run that a tool begins with, where the plan has none: it was changed before its time."""
+        """Return the centre run that a tool begins with, if the plan has none because it was changed early."""
         if not self._machine.center_runs or run.planned.kind in (RunKind.CENTER, RunKind.CONFIRMATION):
             return None
         state = self._folder.read()
         made = _made(state)
         if not made or any(row.tool == tool for row in made):
             return None
-        for one in state.runs[len(self._folder.plan.runs) :]:
-            if one.planned.kind is RunKind.CENTER and one.state is RunState.OPEN and one.planned.tool == tool:
-                return one
+        for added in state.runs[len(self._folder.plan.runs) :]:
+            planned = added.planned
+            if planned.kind is RunKind.CENTER and added.state is RunState.OPEN and planned.tool == tool:
+                return added
         self._writer.planned([opening_run(state, tool)])
         return self._folder.read().runs[-1]
 
-    def _wants_approval(self, run: StudyRun) -> bool:
+    def _needs_approval(self, run: StudyRun) -> bool:
         policy = self._machine.approval
         is_suggestion = run.planned.kind in (RunKind.SUGGESTED, RunKind.CONFIRMATION)
         return policy == "each" or (policy == "suggestions" and is_suggestion)
 
-    def _stop(self, run: StudyRun, error: EdmError) -> None:
-        worn_tool = _tool_in_use(self._folder.read(), run) if error.code == WORN_OUT else None
+    def _stop(self, run: StudyRun, error: EdmError) -> NoReturn:
+        is_worn = error.code == WORN_OUT
+        worn_tool = _tool_in_use(self._folder.read(), run) if is_worn else None
         self._writer.paused(run, f"{error.code}: {error.message}", worn_tool)
         command = self._command() + (" --homed" if "--homed" in error.hint else "")
-        if error.code == WORN_OUT:
-            hint = f"Dress or change it, and go on with `{command} --new-tool`."
-        else:
-            hint = f"Go on with `{command}`: what is made is kept, and a begun hole is resumed."
+        hint = f"Continue with `{command}`: finished runs are kept, and an interrupted hole is resumed."
+        if is_worn:
+            hint = f"Dress or change it, and continue with `{command} --new-tool`."
         error.hint = f"{JOB_RESUMED.sub('', error.hint).strip()} {hint}".strip()
         raise error
 
     def _keep(
         self,
         run: StudyRun,
-        bare: RunRow,
+        row: RunRow,
         result: dict[str, JsonValue],
         file: Path | None,
         error: EdmError | None,
     ) -> None:
         base = replace(self._folder.base, port=self._options.port)
         plan = check(request_of(base, run.planned.settings), self._options.surroundings)
-        duration_s = (datetime.now(UTC) - datetime.fromisoformat(bare.started)).total_seconds()
-        row = row_of(bare, plan, result, file, error)
-        self._writer.run(
-            replace(
-                row,
-                site_um=row.site_um or _place_of(result),
-                duration_s=round(duration_s, 3),
-                order=next_order(self._folder.read()),
-            )
-        )
+        duration_s = (datetime.now(UTC) - datetime.fromisoformat(row.started)).total_seconds()
+        row = row_of(row, plan, result, file, error)
+        order = next_order(self._folder.read())
+        self._writer.run(replace(row, duration_s=round(duration_s, 3), order=order))
 
     def _pause(self) -> None:
-        """Wait between two runs; a signal ends that as it ends a job."""
+        """Wait between two runs; a signal ends the wait as it ends a job."""
         if not self._machine.pause_s:
             return
         around = self._options.surroundings
         stop = around.stop(self._observer.note)
         end_s = time.monotonic() + self._machine.pause_s
         with around.guard(stop, lambda: None):
-            while (left_s := end_s - time.monotonic()) > 0:
-                time.sleep(min(0.1, left_s))
+            while (remaining_s := end_s - time.monotonic()) > 0:
+                time.sleep(min(0.1, remaining_s))
                 stop.check()
-
-    def _giving_up(self, run: StudyRun) -> str:
-        number = str(run.planned.number)
-        return self._folder.command("judge", number, "repeat", "REASON")
 
     def _command(self) -> str:
         return self._folder.command(self._options.command, "--port", self._options.port)
 
 
 def next_order(state: StudyState) -> int:
-    """Return the place of the next hole in the order in which they were made."""
+    """Return the place of the next hole in the order in which holes were made."""
     made = (row for rows in state.rows.attempts.values() for row in rows)
     return max((row.order for row in made), default=0) + 1
 
 
 def next_run(state: StudyState) -> StudyRun | None:
     """Return the run that is made next: a hole that was begun comes first, its tool is in the machine."""
-    left = [run for run in state.runs if run.state is RunState.OPEN]
-    return next((run for run in left if is_begun(state.folder, run)), left[0] if left else None)
+    open_runs = [run for run in state.runs if run.state is RunState.OPEN]
+    begun = (run for run in open_runs if is_begun(state.folder, run))
+    return next(begun, open_runs[0] if open_runs else None)
 
 
-def wants_new_tool(state: StudyState) -> bool:
-    """Return whether the next run waits for another tool: one was worn out, or has made its holes."""
+def needs_new_tool(state: StudyState) -> bool:
+    """Return whether the next run waits for another tool: the last one is worn out or has made its holes."""
     run = next_run(state)
     if run is None or not state.rows.port or is_begun(state.folder, run):
         return False
     last = state.rows.paused
-    worn = (last.number, last.worn_tool) if last is not None else (0, None)
-    return worn == (run.planned.number, _tool_in_use(state, run)) or is_of_next_tool(state, run)
+    is_worn = last is not None and (last.number, last.worn_tool) == (
+        run.planned.number,
+        _tool_in_use(state, run),
+    )
+    return is_worn or is_of_next_tool(state, run)
 
 
 def is_of_next_tool(state: StudyState, run: StudyRun) -> bool:
@@ -321,7 +323,7 @@ def is_of_next_tool(state: StudyState, run: StudyRun) -> bool:
 
 
 def _made(state: StudyState) -> list[RunRow]:
-    """The last attempt at every run that was made, in the order in which they were made, whatever clocks said."""
+    """Return the last attempt at every run that was made, in the order in which they were made."""
     return sorted((run.row for run in state.runs if run.row is not None), key=lambda row: row.order)
 
 
@@ -331,20 +333,13 @@ def _tool_in_use(state: StudyState, run: StudyRun) -> int:
 
 
 def is_begun(folder: StudyFolder, run: StudyRun) -> bool:
-    """Return whether the next attempt at a run has a file already: its hole was begun and left."""
+    """Return whether the next attempt at a run has a file already: its hole was interrupted."""
     name = run_name(folder.runs, run.planned, run.attempts + 1, datetime.now(UTC))
     return folder.runs.is_dir() and any(folder.runs.glob(f"{name.run_id}.*"))
 
 
-@dataclass(frozen=True, slots=True)
-class _Begun:
-    plan: Plan
-    name: RunName
-    site_um: tuple[float, float]
-
-
 def _finished(name: RunName) -> tuple[dict[str, JsonValue], Path] | None:
-    """The result in the run file of a hole that was finished before its row was written."""
+    """Return the result in the run file of a hole that was finished before its row was written."""
     from edmctl.record.reader import open_run
 
     later = sorted(name.path.parent.glob(f"{name.run_id}-r[0-9]*.h5"))
@@ -359,24 +354,6 @@ def _finished(name: RunName) -> tuple[dict[str, JsonValue], Path] | None:
     return None
 
 
-def _taken(runs: Path) -> list[tuple[float, float, float]]:
-    """Axes and radii of all holes that the ledger of the run files knows, made or begun."""
-    if not runs.is_dir():
-        return []
-    found = []
-    for line in Ledger.open(runs).lines:
-        entry = line.entry
-        if isinstance(entry, JobBegun):
-            found += [(x_um, y_um, entry.radius_um) for _, x_um, y_um in entry.places]
-        elif isinstance(entry, SiteMachined):
-            found.append((entry.x_um, entry.y_um, entry.radius_um))
-    return found
-
-
-def _place_of(result: dict[str, JsonValue]) -> tuple[float, float] | None:
+def _place_of(result: Mapping[str, Any]) -> tuple[float, float] | None:
     sites = result.get("sites")
-    if isinstance(sites, list) and sites and isinstance(sites[0], dict):
-        x_um, y_um = sites[0].get("x_um"), sites[0].get("y_um")
-        if isinstance(x_um, int | float) and isinstance(y_um, int | float):
-            return float(x_um), float(y_um)
-    return None
+    return (float(sites[0]["x_um"]), float(sites[0]["y_um"])) if sites else None

@@ -175,7 +175,6 @@ class PlanDocument:
     sha256: Mapping[str, str]
     recipes: Mapping[int, tuple[str, str]]
     plan: StudyPlan
-    changes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,13 +70,8 @@ def evaluate(task: RunTask, program: Program | None = None) -> RunRow:
     report = carry_out(plan, task.run.seed, Unobserved(), name)
     if isinstance(report.error, Interrupted | RunFileError):
         raise report.error
-    row = row_of(
-        bare_row(task.run, task.attempt, task.run.seed, started),
-        plan,
-        report.to_dict(),
-        report.run_file,
-        report.error,
-    )
+    row = bare_row(task.run, task.attempt, task.run.seed, started)
+    row = row_of(row, plan, report.to_dict(), report.run_file, report.error)
     return replace(row, duration_s=round(time.perf_counter() - begin_s, 3))
 
 
@@ -134,19 +129,20 @@ def bare_row(run: PlannedRun, attempt: int, seed: int | None, started: datetime)
     )
 
 
-def refuse_mixture(state: StudyState, where: MachineAddress, command: str = "resume") -> None:
-    """Raise UsageError E2108 where runs of a study would be made on virtual machines and on one that lasts, or on
-    two benches, PreconditionError E8214 where its bench is gone. A controller may come back at another port.
-    `command` is the one that was asked for.
+def refuse_mixture(state: StudyState, machine: MachineAddress, command: str = "resume") -> None:
+    """Raise UsageError E2108 for runs on both virtual and persistent machines or on two benches.
+
+    Raises PreconditionError E8214 if the bench of the study is gone. A controller may return at another port.
+    `command` is the one that the user has called.
     """
-    port, lasting = state.rows.port, where.lasting
+    port = state.rows.port
     bench = bench_of(port) if port else ""
-    is_made = any(run.row is not None for run in state.runs)
-    if port and (not lasting or (bench and bench_of(where.selector) != bench)):
+    has_runs = any(run.row is not None for run in state.runs)
+    if port and (not machine.lasting or (bench and bench_of(machine.selector) != bench)):
         raise failures.study_of_another_machine(port=port, making_command=state.making_command(command))
-    if bench and is_made and not Path(bench).exists():
+    if bench and has_runs and not Path(bench).exists():
         raise failures.study_bench_gone(bench=bench)
-    if lasting and not port and is_made:
+    if machine.lasting and not port and has_runs:
         raise failures.study_has_virtual_runs()
 
 

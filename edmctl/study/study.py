@@ -26,11 +26,11 @@ from edmctl.study.design import value_within
 from edmctl.study.folder import ADDING_S, StudyFolder, StudyState, create_folder, open_folder
 from edmctl.study.on_machine import without_port
 from edmctl.study.planning import PlannedStudy, plan_study, request_of
-from edmctl.study.results import PlannedRun, Recommendation, RunRow, RunState, StudyPlan, Value
+from edmctl.study.results import PlannedRun, Recommendation, RunState, StudyPlan, Value
 from edmctl.study.running import bare_row, row_of, run_virtual
 from edmctl.study.study_file import read_study
 from edmctl.study.suggestions import extension_runs, next_batch, recommended, suggested_runs, suggestions
-from edmctl.study.table import Cell, in_words, refuse_untellable, table_of
+from edmctl.study.table import Cell, check_bounds, in_words, table_of
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from edmctl.study.statistics.response_analysis import ResponseAnalysis
 
 
-class _Uncounted(Unobserved):
+class _Silent(Unobserved):
     def runs(self, done: int, total: int) -> None:
         """Ignore it."""
 
@@ -60,15 +60,14 @@ class Study:
     def load(cls, path: str | PathLike[str]) -> Self:
         """Load a study file, a shipped study by its name, or the folder of a study.
 
-        Raises ProfileError with every diagnostic, UsageError E2100 or E2101 where there is none, PreconditionError
-        E8202 where the folder was changed.
+        Raises ProfileError for mistakes of the file, UsageError E2100 or E2101 if there is none, PreconditionError
+        E8202 if the folder was changed.
         """
         folder = user_path(path)
         if folder.is_dir():
             return cls(None, open_folder(folder))
-        return cls(
-            plan_study(read_study(find_study(path if isinstance(path, str) else as_value(folder)))), None
-        )
+        file = find_study(path if isinstance(path, str) else as_value(folder))
+        return cls(plan_study(read_study(file)), None)
 
     def __repr__(self) -> str:
         plan = self.plan()
@@ -96,31 +95,31 @@ class Study:
         observer: SeriesObserver | None = None,
         executor: Callable[[], Executor] | None = None,
     ) -> Self:
-        """Make the runs that are left, each on a virtual machine of its own; `workers` processes side by side.
+        """Make the open runs, each on a virtual machine of its own; `workers` processes side by side.
 
-        `executor` makes any executor of `concurrent.futures` with `workers` workers, and is called again where its
-        workers died. Processes are made by a script with `if __name__ == "__main__":`, as Python asks.
+        `executor` makes any executor of `concurrent.futures` with `workers` workers, and is called again if its
+        workers died. A script that uses processes needs `if __name__ == "__main__":`, as Python requires.
 
         A study with a [machine] is warned of (W8215); one that has runs on a machine raises UsageError E2108:
-        `edmctl study resume` goes on there, or `ask` and `tell` with a machine of one's own.
+        `edmctl study resume` continues there, or `ask` and `tell` with a machine of one's own.
         """
-        if doubts := without_port(self._started()):
-            python_warnings(doubts)
+        if warnings := without_port(self._started()):
+            python_warnings(warnings)
         pool = process_pool(workers, silent_program()) if workers > 1 else None
         if executor is not None:
             pool = pool_of(executor, workers)
-        run_virtual(self._started(), observer or _Uncounted(), None, pool)
+        run_virtual(self._started(), observer or _Silent(), None, pool)
         return self
 
     def ask(self, count: int = 1) -> list[PlannedRun]:
-        """Return the next runs to make: those of the plan that are open, then suggestions, which are added.
+        """Return the next runs to make: open runs of the study, then suggestions, which are added.
 
         Raises UsageError if `count` is below 1, PreconditionError E8209 to E8211 if nothing can be suggested.
         """
         if count < 1:
             raise failures.run_count_too_small(count=count)
-        left = [run.planned for run in self._state().runs if run.state is RunState.OPEN][:count]
-        return left or self._added(lambda state: suggestions(state, count))
+        open_runs = [run.planned for run in self._state().runs if run.state is RunState.OPEN][:count]
+        return open_runs or self._added(lambda state: suggestions(state, count))
 
     def job(self, run: PlannedRun) -> dict[str, Any]:
         """Return profile and overrides of a run, for a job of one's own: `machine.machine(**study.job(run))`."""
@@ -157,41 +156,33 @@ class Study:
             writer.planned(found)
         return found
 
-    def suggest_from(self, trial: Any) -> dict[str, Value]:
-        """Return settings that an optuna trial (`study.ask()` of optuna) suggests for the factors, by key."""
-        settings: dict[str, Value] = {}
-        for factor in self.plan().factors:
-            if factor.is_number and factor.is_range:
-                low, high = (float(value) for value in factor.values)
-                settings[factor.key] = trial.suggest_float(factor.key, low, high, log=factor.is_log)
-            else:
-                settings[factor.key] = trial.suggest_categorical(factor.key, list(factor.values))
-        return settings
-
     def tell(self, run: SupportsIndex | PlannedRun, result: Report | Mapping[str, float]) -> None:
-        """Tell what a run came to: the report of its job, or responses by name.
+        """Report the result of a run: the report of its job, or responses by name.
 
-        To a run that was made, manual responses are added, as `edmctl study tell` does; what was told may be told
-        anew, what its job has measured may not. Raises UsageError: E2104 there is no such run, E2105 a response is
-        none of the study's, or was measured.
+        To a run that was made, manual responses are added, as `edmctl study tell` does; reported values may be
+        corrected, those measured by its job may not. Raises UsageError: E2104 there is no such run, E2105 a response
+        is none of the study's, or was measured.
         """
         if isinstance(run, bool):
             raise TypeError("run has to be a number or a planned run, not a bool")
         folder = self._started()
-        found = self._state().run(run.number if isinstance(run, PlannedRun) else index(run))
-        if isinstance(run, PlannedRun) and run.settings != found.planned.settings:
+        state = self._state().run(run.number if isinstance(run, PlannedRun) else index(run))
+        if isinstance(run, PlannedRun) and run.settings != state.planned.settings:
             raise failures.run_has_other_settings(number=run.number)
-        row = bare_row(found.planned, found.attempts + 1, None, datetime.now(UTC))
+        row = bare_row(state.planned, state.attempts + 1, None, datetime.now(UTC))
         if isinstance(result, Report):
-            plan = check(request_of(folder.base, found.planned.settings))
+            plan = check(request_of(folder.base, state.planned.settings))
             row = replace(row, seed=result.seed)
             row = row_of(row, plan, result.to_dict(), result.run_file, result.error)
         else:
             values = self._values(result)
-            if found.row is not None and found.state is not RunState.OPEN:
-                self._refuse_measured(found.row, values)
+            if state.row is not None and state.state is not RunState.OPEN:
+                manual = {one.name for one in self.plan().responses if one.is_manual}
+                for name in values:
+                    if name not in manual and state.row.bases.get(name) != "told":
+                        raise failures.response_measured_by_run(number=state.row.number, name=name)
                 with folder.writer() as writer:
-                    writer.told(found, values)
+                    writer.told(state, values)
                 return
             row = replace(row, responses=values, bases=dict.fromkeys(values, "told"))
         with folder.writer() as writer:
@@ -236,7 +227,11 @@ class Study:
         return self._started().read()
 
     def _values(self, given: Mapping[str, float]) -> dict[str, float]:
-        asked = {one.name: one for one in self._started().source.file.responses}
+        """Return responses as floats. Raises UsageError E2105 if one is unknown or not a possible number."""
+        stated = {one.name: one for one in self._started().source.file.responses}
+        names = ", ".join(sorted(stated))
+        if not given:
+            raise failures.no_response_given(asked=names)
         values: dict[str, float] = {}
         for name, value in given.items():
             number, (low, high) = math.nan, responses.range_of(name)
@@ -244,17 +239,9 @@ class Study:
                 with suppress(OverflowError):
                     number = float(value)
             is_possible = abs(number) <= responses.LARGEST and low <= number <= high
-            if (name not in asked and name not in responses.KNOWN) or not is_possible:
-                raise failures.response_value_wrong(name=name, value=value, asked=", ".join(sorted(asked)))
+            if (name not in stated and name not in responses.KNOWN) or not is_possible:
+                raise failures.response_value_wrong(name=name, value=value, asked=names)
+            if name in stated:
+                check_bounds(stated[name], number)
             values[name] = number
-            if name in asked:
-                refuse_untellable(asked[name], values[name])
-        if not values:
-            raise failures.no_response_given(asked=", ".join(sorted(asked)))
         return values
-
-    def _refuse_measured(self, row: RunRow, values: Mapping[str, float]) -> None:
-        manual = {one.name for one in self.plan().responses if one.is_manual}
-        for name in values:
-            if name not in manual and row.bases.get(name) != "told":
-                raise failures.response_measured_by_run(number=row.number, name=name)

@@ -1,10 +1,8 @@
 """A study file: factors, design, responses, and how its runs are made; read with positions, as profiles are."""
 
 import shlex
-from collections.abc import Iterable
-from copy import deepcopy
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field, ValidationError
 
@@ -13,9 +11,9 @@ from edmctl.dataclasses import dataclass
 from edmctl.errors import Diagnostic, ProfileError
 from edmctl.failures import Code
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
-from edmctl.profile.positions import KeyPath, Source, Sources, TomlTable
+from edmctl.profile.positions import Source, Sources
 from edmctl.profile.read import parse, read_source
-from edmctl.profile.tables import ONE_LINE, FileName, Table, field_at
+from edmctl.profile.tables import ONE_LINE, FileName, Table
 
 NAME = r"^[A-Za-z_][A-Za-z0-9_.-]*$"
 """Names of responses: they head columns."""
@@ -155,17 +153,11 @@ class StudyFile(Table):
 
 @dataclass(frozen=True, slots=True)
 class StudySource:
-    """A study file with the positions of its values.
-
-    wrong : diagnostics of wrong keys and values, which are not in `file`
-    damaged : the tables that lack such a value; their contents are not checked
-    """
+    """A study file with the positions of its values."""
 
     file: StudyFile
     path: Path
     sources: Sources
-    wrong: tuple[Diagnostic, ...] = ()
-    damaged: frozenset[KeyPath] = frozenset()
 
     @property
     def text(self) -> str:
@@ -177,88 +169,34 @@ class StudySource:
         """The step of each factor, by its key."""
         return {factor.key: factor.step for factor in self.file.factors}
 
-    def refusal(self, path: KeyPath, message: str, hint: str) -> Diagnostic:
-        """Return what is wrong with the value at `path`."""
-        return Diagnostic(Code.STUDY, message, hint, self.sources.value(path))
+    def wrong(self, message: str, hint: str, *path: str | int) -> ProfileError:
+        """Return the error of the value at `path`."""
+        return ProfileError((Diagnostic(Code.STUDY, message, hint, self.sources.value(path)),))
 
-
-class Refusals(list[Diagnostic]):
-    """What is wrong with the values of a study file."""
-
-    def __init__(self, source: StudySource) -> None:
-        super().__init__()
-        self._source = source
-
-    def add(self, hint: str, message: str, *path: str | int) -> None:
-        """Add what is wrong with the value at `path`."""
-        self.append(self._source.refusal(path, message, hint))
-
-    def check(self) -> None:
-        """Raise ProfileError if something is wrong."""
-        if self:
-            raise ProfileError(tuple(self))
+    def require(self, condition: object, message: str, hint: str, *path: str | int) -> None:
+        """Raise ProfileError for the value at `path` unless `condition` holds."""
+        if not condition:
+            raise self.wrong(message, hint, *path)
 
 
 def read_study(path: Path) -> StudySource:
-    """Read a study file; `plan_study` refuses one that has something wrong, together with all else that is.
-
-    Raises ProfileError where a table is missing, UsageError E2100 where there is no file.
-    """
+    """Read a study file. Raises ProfileError for unknown keys and wrong values, UsageError E2100 without a file."""
     if path.is_dir() and (path / "plan.json").is_file():
         raise failures.folder_instead_of_study_file(path=path, quoted_path=shlex.quote(str(path)))
     source = read_source(path)
     sources, table = Sources((source,), source), parse(source)
     if "study" not in table and {"servo", "target", "extends"} & set(table):
-        message = f"{path} is a profile, and a study is wanted"
+        message = f"{path} is a profile, not a study"
         hint = "a study names the profile it varies: profile = in [study]; docs/study.md has an example"
         raise ProfileError((Diagnostic(Code.UNKNOWN_KEY, message, hint, source.start()),))
     try:
         return StudySource(StudyFile.model_validate(table), path, sources)
     except ValidationError as error:
         problems = schema_problems(error, StudyFile, table)
-    wrong = tuple(schema_diagnostics(problems, StudyFile, table, sources))
-    try:
-        file = StudyFile.model_validate(_without(table, problems))
-    except ValidationError:
-        raise ProfileError(wrong) from None
-    return StudySource(file, path, sources, wrong, frozenset(map(_table_of, problems)))
+        raise ProfileError(tuple(schema_diagnostics(problems, StudyFile, table, sources))) from None
 
 
 def study_of(text: str, path: Path) -> StudySource:
     """Return the study of a text that was planned before."""
     source = Source(str(path), text)
-    sources = Sources((source,), source)
-    return StudySource(StudyFile.model_validate(parse(source)), path, sources)
-
-
-_STAND_INS = {"kind": "full"}
-"""Stands for a required text that is missing or wrong in a damaged table; else `unknown`."""
-
-
-def _without(table: TomlTable, problems: Iterable[KeyPath]) -> TomlTable:
-    """A study without its wrong tables, keys and values; a key that is required has a stand-in."""
-    kept = deepcopy(table)
-    for path in problems:
-        if len(path) == 1:
-            kept.pop(str(path[0]), None)
-            continue
-        where = _table_of(path)
-        here: Any = kept
-        for part in where:
-            try:
-                here = here[part]
-            except (KeyError, IndexError, TypeError):
-                break
-        if not isinstance(here, dict) or len(path) == len(where):
-            continue  # it is no table
-        key = str(path[len(where)])
-        here.pop(key, None)
-        found = field_at(StudyFile, (*where, key))
-        if found is not None and found.is_required():
-            here[key] = _STAND_INS.get(key, "unknown")
-    return kept
-
-
-def _table_of(path: KeyPath) -> KeyPath:
-    """The table of a key: `study`, or an item of `factors`."""
-    return path[:2] if len(path) > 1 and isinstance(path[1], int) else path[:1]
+    return StudySource(StudyFile.model_validate(parse(source)), path, Sources((source,), source))

@@ -135,7 +135,7 @@ def test_the_home_folder_is_expanded_in_every_key(home: Path, tmp_path: Path) ->
     source = read_study(study)
     assert base_request(source).profile == str(home / "mine.toml")
     assert base_request(source).setup == home / "setup.toml"
-    assert len(points_of(source, factors_of(source)[0]).settings) == 2
+    assert len(points_of(source, factors_of(source)).settings) == 2
     (home / "places.csv").write_text("x_um,y_um\n600,0\n", encoding="utf-8")
     array = tmp_path / "array.toml"
     array.write_text(

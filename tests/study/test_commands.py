@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.study.commands.execute import _suggested
+from edmctl.study.commands.execute import _suggestion
 from edmctl.study.folder import open_folder
 from edmctl.study.results import RunKind
 from edmctl.study.suggestions import suggested_runs
@@ -124,9 +124,9 @@ def test_suggestions_say_what_they_are(folder: Path) -> None:
     state = open_folder(folder).read()
     first = state.runs[0].planned
     again, other = suggested_runs(state, [first.settings, {**first.settings, "pulse.duty": 0.31}])
-    assert f"run 5, repeats point {first.point}: servo.reference = " in _suggested(again, state)
-    assert "run 6: servo.reference = " in _suggested(other, state)
-    assert "run 6, a center run: " in _suggested(replace(other, kind=RunKind.CENTER), state)
+    assert f"run 5, repeats point {first.point}: servo.reference = " in _suggestion(again, state)
+    assert "run 6: servo.reference = " in _suggestion(other, state)
+    assert "run 6, a center run: " in _suggestion(replace(other, kind=RunKind.CENTER), state)
 
 
 @pytest.mark.parametrize(

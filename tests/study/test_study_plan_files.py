@@ -24,7 +24,7 @@ from edmctl.study.suggestions import (
     recommended,
     suggestions,
 )
-from edmctl.study.table import columns_of, in_words, table_bytes, table_of, what_next
+from edmctl.study.table import in_words, table_bytes, what_next
 from tests.study.studies import FULL, SMALL, made
 from tests.study.test_study_tables import add, make
 from tests.tiers import tiers
@@ -67,9 +67,8 @@ def used(path: Path) -> None:
     state = folder.read()
     render_plan(folder.plan)
     render_status(folder.plan, state.runs, in_words(state.runs), what_next(state))
-    rows = table_of(state)
     for form in ("csv", "json", "jsonl"):
-        table_bytes(rows, form, columns_of(state))
+        table_bytes(state, form)
     analysis = analysis_of(state)
     confirmations = confirmations_of(state)
     report = StudyReport(analysis, state.runs, None, confirmations)
@@ -97,7 +96,6 @@ WRONG: dict[str, Change] = {
     "a recipe without a number": lambda study: study.update(recipes={"one": ["a", "b"]}),
     "a recipe of three hashes": lambda study: study["recipes"].update({"1": ["a", "b", "c"]}),
     "a version as number": lambda study: study.update(edmctl=1),
-    "changes that are numbers": lambda study: study.update(changes=[1]),
     "no factors": lambda study: study["plan"].update(factors=[]),
     "factors without values": lambda study: study["plan"]["factors"][0].update(values=[]),
     "a factor of another name": lambda study: study["plan"]["factors"][0].update(name="other"),

@@ -21,7 +21,7 @@ from edmctl.jobs.parallel import FEEDER, Lost, Pool, perform, pool_of
 from edmctl.study.folder import open_folder, read_rows
 from edmctl.study.results import Judgement, RunState
 from edmctl.study.running import run_virtual
-from edmctl.study.table import missing_manual, table_bytes, table_of, told_values
+from edmctl.study.table import missing_manual, reported_values, table_bytes, table_of
 from tests.cli.commands import in_process_of_its_own
 from tests.study.studies import Unseen, made, make_some, outcome, written
 
@@ -134,7 +134,7 @@ def test_a_row_has_settings_responses_truth_and_where_it_was_made(whole: StudyFo
     assert first["host"]
     assert list(first)[-5:] == ["run_file", "run_sha256", "started", "duration_s", "host"]
     for form in ("csv", "json", "jsonl", "parquet"):
-        assert table_bytes(table_of(whole.read()), form)
+        assert table_bytes(whole.read(), form)
 
 
 def test_a_line_that_was_cut_off_is_no_row(tmp_path: Path, whole: StudyFolder) -> None:
@@ -175,8 +175,8 @@ def test_people_tell_and_judge(tmp_path: Path) -> None:
     number = made_runs[0]
     assert missing_manual(study.read()) == [(one, ("ra_um",)) for one in made_runs]
     with study.writer() as writer:
-        writer.told(study.read().run(number), told_values(study.read(), ["ra_um=0.31"]))
-        writer.told(study.read().run(number), told_values(study.read(), ["ra_um=0.33"]))
+        writer.told(study.read().run(number), reported_values(study.read(), ["ra_um=0.31"]))
+        writer.told(study.read().run(number), reported_values(study.read(), ["ra_um=0.33"]))
     assert study.read().run(number).value("ra_um") == 0.33
     for judgement, state in (
         (Judgement.REJECT, RunState.REJECTED),

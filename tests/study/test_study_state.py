@@ -224,21 +224,16 @@ def test_nothing_is_added_where_runs_cannot_be_made(tmp_path: Path) -> None:
     assert not study.read().rows.added
 
 
-def test_a_folder_says_whether_it_holds_the_same_study(tmp_path: Path) -> None:
+def test_a_folder_has_one_study(tmp_path: Path) -> None:
     study = made(tmp_path)
-    same = plan_study(read_study(written(tmp_path)))
-    with pytest.raises(RunFileError, match="this study already") as taken:
-        create_folder(study.path, same)
-    assert f"Go on with it as `edmctl study status {study.path}` says" in taken.value.hint
-    other = plan_study(read_study(written(tmp_path, SMALL.replace("0.7, 0.8", "0.7, 0.82"))))
-    with pytest.raises(RunFileError, match="another study, A small study") as taken:
-        create_folder(study.path, other)
-    assert "resume" not in taken.value.hint
+    with pytest.raises(RunFileError, match="has a study already") as taken:
+        create_folder(study.path, plan_study(read_study(written(tmp_path))))
+    assert f"`edmctl study resume {study.path}`" in taken.value.hint
     (study.path / "profile.toml").write_text("changed", encoding="utf-8")
-    with pytest.raises(RunFileError, match="cannot be read"):
-        create_folder(study.path, same)
     with pytest.raises(PreconditionError, match=r"profile\.toml is not what it was"):
         open_folder(study.path)
     with pytest.raises(UsageError, match="has no study"):
         open_folder(tmp_path)
+    with pytest.raises(RunFileError, match="is not empty"):
+        create_folder(tmp_path, plan_study(read_study(written(tmp_path))))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["made", "study.toml"]

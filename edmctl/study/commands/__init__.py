@@ -1,7 +1,6 @@
 """`edmctl study`: designed experiments. Here are the commands that make no runs."""
 
 import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +9,7 @@ import typer
 
 from edmctl import failures
 from edmctl.cli.options import NOTES, command, command_group
-from edmctl.cli.outcome import Outcome, stdout_sink, stream_style, watching
+from edmctl.cli.outcome import Outcome, stdout_sink
 from edmctl.cli.render.terminal import (
     PLAIN,
     USUAL_COLUMNS,
@@ -18,6 +17,7 @@ from edmctl.cli.render.terminal import (
     Style,
     labelled,
     narrowed,
+    not_shown,
     render_columns,
     render_table,
     wrapped,
@@ -30,7 +30,6 @@ from edmctl.study.commands.execute import (
     FolderArgument,
     RunNumberArgument,
     StudyArgument,
-    checks_told,
     opened,
     study_source,
 )
@@ -46,37 +45,29 @@ def list_studies(outcome: Outcome) -> None:
     """List the shipped studies."""
     from edmctl.study.study_file import read_study
 
-    found = [(name, read_study(path).file) for name, path in shipped_studies().items()]
-    outcome.result = {
-        "studies": [
-            {
-                "study": name,
-                "name": file.study.name,
-                "description": file.study.description,
-                "design": file.design.kind,
-            }
-            for name, file in found
-        ]
-    }
-    rows = [[name, file.design.kind, file.study.description or file.study.name] for name, file in found]
-    outcome.text = render_columns(["study", "design", "what it asks"], rows, stream_style(sys.stdout), "<")
+    studies = []
+    for name, path in shipped_studies().items():
+        file = read_study(path).file
+        texts = {"name": file.study.name, "description": file.study.description}
+        studies.append({"study": name, **texts, "design": file.design.kind})
+    outcome.result = {"studies": studies}
+    rows = [[one["study"], one["design"], one["description"] or one["name"]] for one in studies]
+    outcome.show(lambda style: render_columns(["study", "design", "question"], rows, style, "<"))
 
 
 @command("study plan", NOTES)
 def plan(outcome: Outcome, file: StudyArgument) -> None:
-    """Check a study and show every run of it, what the runs will take, and what they can tell.
+    """Check a study and show its runs, their costs, and the effects that they can show.
 
     Every run is checked as a job is; nothing moves and nothing is written.
     """
     from edmctl.study.planning import plan_study
 
-    source = study_source(outcome, file)
-    with watching(outcome.output) as reporter:
-        planned = plan_study(source, shell(), checks_told(reporter.note))
+    planned = plan_study(study_source(outcome, file), shell())
     outcome.warn(planned.warnings)
     outcome.result = asdict(planned.plan)
-    way_on = f"Run it: `edmctl study run {shlex.quote(file)} --out DIR`"
-    outcome.text = f"{render_plan(planned.plan, stream_style(sys.stdout))}\n\n{way_on}"
+    outcome.show(lambda style: render_plan(planned.plan, style))
+    outcome.text = f"\nRun it: `edmctl study run {shlex.quote(file)} --out DIR`"
 
 
 @command("study status")
@@ -96,8 +87,8 @@ def status(outcome: Outcome, folder: FolderArgument) -> None:
         "torn_lines": state.rows.torn,
         "table": table_of(state),
     }
-    style = stream_style(sys.stdout)
-    outcome.text = render_status(study.plan, state.runs, in_words(state.runs), what_next(state), style)
+    words, steps = in_words(state.runs), what_next(state)
+    outcome.show(lambda style: render_status(study.plan, state.runs, words, steps, style))
 
 
 PageOption = Annotated[
@@ -127,20 +118,20 @@ OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace file
 def report(
     outcome: Outcome, folder: FolderArgument, out: PageOption = None, overwrite: OverwriteOption = False
 ) -> None:
-    """Say what matters, by analysis of variance, models and the Pareto front; --out writes a page of it."""
+    """Show which factors matter, by analysis of variance, models and the Pareto front; --out writes a page."""
     from edmctl.jobs import output_files
     from edmctl.study.report import mapping_of, render_report, report_of
     from edmctl.study.report.page import render_study_page
 
     found = report_of(opened(folder).read(), shell())
     outcome.result = mapping_of(found)
-    outcome.text = render_report(found, stream_style(sys.stdout))
+    outcome.show(lambda style: render_report(found, style))
     if out is not None:
         content = render_study_page(found, source=str(folder)).encode()
         output_files.make_folder(out.parent)
         hint = "Choose another name, or replace it with --overwrite."
         output_files.write(out, content, hint, overwrite=overwrite)
-        outcome.text += f"\n\nPage {out}"
+        outcome.text = f"\nPage {out}"
 
 
 @command("study export")
@@ -156,10 +147,9 @@ def export(
     from edmctl.jobs import output_files
     from edmctl.jobs.runs.export import REPLACE_HINT, export_request
     from edmctl.study.report import write_profiles
-    from edmctl.study.table import columns_of, table_bytes, table_of
+    from edmctl.study.table import table_bytes
 
-    study = opened(folder)
-    state = study.read()
+    state = opened(folder).read()
     if profiles is not None:
         written = write_profiles(state, profiles, overwrite=overwrite)
         outcome.result = {"profiles": [str(path) for path in written]}
@@ -168,7 +158,7 @@ def export(
     request = export_request(
         "table", folder, ["runs"], ["runs"], form, out, as_json=outcome.output.json, overwrite=overwrite
     )
-    content = table_bytes(table_of(state), str(request.form), columns_of(state))
+    content = table_bytes(state, str(request.form))
     if request.to_stdout:
         with stdout_sink() as sink:
             sink.write(content)
@@ -191,42 +181,40 @@ ReasonArgument = Annotated[str, typer.Argument(metavar="REASON", help="Kept with
 
 @command("study tell")
 def tell(outcome: Outcome, folder: FolderArgument, run: RunNumberArgument, values: ValuesArgument) -> None:
-    """Tell responses that were measured by hand, such as a roughness from a profilometer.
+    """Report responses that were measured by hand, such as a roughness from a profilometer.
 
-    Told again, the later value counts, and `NAME=none` withdraws it; all of them stay in the rows.
+    A later value replaces an earlier one, and `NAME=none` withdraws it; all of them stay in the rows.
     """
-    from edmctl.study.table import made_run, told_values
+    from edmctl.study.table import made_run, reported_values
 
     study = opened(folder)
     state = study.read()
-    found = made_run(state, run)
-    told = told_values(state, values)
+    target, reported = made_run(state, run), reported_values(state, values)
     with study.writer() as writer:
-        writer.told(found, told)
-    outcome.result = {"run": run, "told": told}
-    words = (f"{name} {'is withdrawn' if v is None else f'= {v:g}'}" for name, v in told.items())
-    outcome.text = f"Run {run}: {', '.join(words)}"
+        writer.told(target, reported)
+    outcome.result = {"run": run, "told": reported}
+    texts = (f"{name} {'is withdrawn' if v is None else f'= {v:g}'}" for name, v in reported.items())
+    outcome.text = f"Run {run}: {', '.join(texts)}"
 
 
 @command("study import")
 def import_table(outcome: Outcome, folder: FolderArgument, table: TableArgument) -> None:
-    """Tell the manual responses of many runs by a CSV table; all of it or, where a line is wrong, nothing.
+    """Report the manual responses of many runs by a CSV table: all of it or, if a line is wrong, nothing.
 
-    An empty cell tells nothing, and `none` withdraws what was told.
+    Empty cells are skipped, and `none` withdraws a reported value.
     """
-    from edmctl.study.table import told_table
+    from edmctl.study.table import reported_table
 
     study = opened(folder)
     state = study.read()
-    told = told_table(state, table)
+    reported = reported_table(state, table)
     with study.writer() as writer:
-        for number, values in told.items():
+        for number, values in reported.items():
             writer.told(state.run(number), values)
-    outcome.result = {"runs": len(told), "told": {str(number): values for number, values in told.items()}}
-    outcome.text = f"Told responses of {plural(len(told), 'run')}."
-    withdrawn = [number for number, values in told.items() if None in values.values()]
-    if withdrawn:
-        outcome.text += f" Withdrawn: of {plural(len(withdrawn), 'run')}, {', '.join(map(str, withdrawn))}."
+    outcome.result = {"runs": len(reported), "told": {str(number): one for number, one in reported.items()}}
+    outcome.text = f"Reported responses of {plural(len(reported), 'run')}."
+    if withdrawn := [str(number) for number, values in reported.items() if None in values.values()]:
+        outcome.text += f" Withdrawn: of {plural(len(withdrawn), 'run')}, {', '.join(withdrawn)}."
 
 
 @command("study judge")
@@ -248,28 +236,26 @@ def judge(
     study = opened(folder)
     if not reason.strip():
         raise failures.judgement_without_reason()
-    found = study.read().run(run)
-    if found.row is None and judgement is Judgement.REPEAT and is_begun(study, found):
-        with study.claimed(), study.writer() as writer:  # nobody is making it
+    target = study.read().run(run)
+    if target.row is None and judgement is Judgement.REPEAT and is_begun(study, target):
+        with study.claimed(), study.writer() as writer:  # no other command is making it
             # The hole stays where it is, and the next attempt takes another place.
-            lost = lost_row(found.planned, found.attempts + 1, f"E1300: given up: {reason}", 130)
+            lost = lost_row(target.planned, target.attempts + 1, f"E1300: abandoned: {reason}", 130)
             writer.run(replace(lost, order=next_order(study.read())))
-        found = study.read().run(run)
-    if found.row is None and judgement is not Judgement.REJECT:
+        target = study.read().run(run)
+    if target.row is None and judgement is not Judgement.REJECT:
         raise failures.judged_run_not_made(run=run, study=way_on(study.read()))
     with study.writer() as writer:
-        writer.judged(found, judgement, reason)
-    outcome.result = {"run": run, "attempt": found.attempts, "judgement": str(judgement), "reason": reason}
+        writer.judged(target, judgement, reason)
+    outcome.result = {"run": run, "attempt": target.attempts, "judgement": str(judgement), "reason": reason}
     state = study.read()
-    again = "and a virtual machine makes it the same"
-    if state.rows.port:
-        again = "as another hole at the next free place"
-    after = {
+    again = "as another hole at the next free place" if state.rows.port else "with the same result"
+    effect = {
         Judgement.ACCEPT: "its responses count",
         Judgement.REJECT: "it does not count; the row stays",
         Judgement.REPEAT: f"`{way_on(state)}` makes it again, {again}",
     }
-    outcome.text = f"Run {run}: {judgement} ({reason}); {after[judgement]}."
+    outcome.text = f"Run {run}: {judgement} ({reason}); {effect[judgement]}."
 
 
 def render_plan(plan: StudyPlan, style: Style = PLAIN) -> str:
@@ -278,117 +264,96 @@ def render_plan(plan: StudyPlan, style: Style = PLAIN) -> str:
     lines = [style.paint(f"{plan.name}: {plan.kind}", Ink.STRONG)]
     if plan.description:
         lines += wrapped(plan.description, columns)
+    dof = ", ".join(f"{name} {count}" for name, count in plan.dof.items())
     facts = {
-        "runs": _runs_words(plan),
+        "runs": _counts(plan),
         "responses": ", ".join(one.label + (" (by hand)" if one.is_manual else "") for one in plan.responses),
         "constraints": ", ".join(map(str, plan.constraints)),
         "objectives": ", ".join(
             f"{name} (weight {weight:g})" if weight != 1 else name for name, weight in plan.objectives
         ),
-        "model": f"{plan.model}; degrees of freedom: "
-        + ", ".join(f"{name} {dof}" for name, dof in plan.dof.items())
-        if plan.dof and plan.model != "sensitivity"
-        else "",
-        "takes": _costs_words(plan),
+        "model": f"{plan.model}; degrees of freedom: {dof}" if plan.model != "sensitivity" else "",
+        "takes": _costs(plan),
         "aliases": "; ".join(plan.aliases),
     }
     lines += [labelled(name, text, LABEL_CELLS, columns) for name, text in facts.items() if text]
-    factors = {
-        "factor": [factor.name for factor in plan.factors],
-        "key": [factor.key for factor in plan.factors],
-        "values": [
-            (" to " if factor.is_range else ", ").join(map(setting_text, factor.values))
-            for factor in plan.factors
-        ],
-    }
-    parts = ["\n".join(lines), render_table(factors, style, left=("key", "values"), cut_first="values")]
-    parts.append(render_columns(*_runs_table(plan), style, "<<>"))
-    notes = [line for note in plan.notes for line in wrapped(f"note: {note}", columns, "  ")]
-    return "\n\n".join([*parts, *(["\n".join(notes)] if notes else [])])
-
-
-def _runs_words(plan: StudyPlan) -> str:
-    words = f"{plural(len(plan.runs), 'run')} of {plural(plan.points, 'point')}"
-    blocks = sorted({run.block for run in plan.runs})
-    tools = sorted({run.tool for run in plan.runs} - {0})
-    if plan.replicates > 1:
-        words += f", {plan.replicates} replicates"
-    if len(blocks) > 1 and not (tools and len(tools) == len(blocks)):
-        words += f", {len(blocks)} blocks"
-    if tools:
-        words += f", {plural(len(tools), 'tool')}"
-    else:
-        seeds = sorted({run.seed for run in plan.runs})
-        words += f", seed {seeds[0]}" if len(seeds) == 1 else f", seeds {seeds[0]} to {seeds[-1]}"
-    return words
-
-
-def _costs_words(plan: StudyPlan) -> str:
-    if plan.costs is None:
-        return ""
-    words = f"{duration(plan.costs.time_s)} of the machine, {duration(plan.costs.machining_time_s)} of it machining"
-    if plan.costs.tool_wear_um:
-        worn = ", ".join(length(wear_um) for wear_um in plan.costs.tool_wear_um)
-        words += f"; tools lose {worn} of {length(plan.costs.most_wear_um)}"
-    if plan.costs.places:
-        words += f"; {len(plan.runs)} of {plural(plan.costs.places, 'place')} of the grid"
-    return words
-
-
-def _runs_table(plan: StudyPlan) -> tuple[list[str], list[list[str]]]:
+    factors = [
+        [one.name, one.key, (" to " if one.is_range else ", ").join(map(setting_text, one.values))]
+        for one in plan.factors
+    ]
+    parts = ["\n".join(lines), render_columns(["factor", "key", "values"], factors, style, "<", "values")]
     shared = "tool" if any(run.tool for run in plan.runs) else "seed"
-    is_shown = len({getattr(run, shared) for run in plan.runs}) > 1 or shared == "tool"
+    is_shown = shared == "tool" or len({run.seed for run in plan.runs}) > 1
     head = ["run", "point", *([shared] if is_shown else []), *(factor.name for factor in plan.factors)]
     rows = []
     for run in plan.runs[:MOST_RUNS_SHOWN]:
-        row = [str(run.number), _kind_words(run), *([str(getattr(run, shared))] if is_shown else [])]
+        row = [str(run.number), _point(run), *([str(getattr(run, shared))] if is_shown else [])]
         rows.append([*row, *(setting_text(run.settings[factor.key]) for factor in plan.factors)])
     if len(plan.runs) > MOST_RUNS_SHOWN:
         rows.append(["…", f"and {len(plan.runs) - MOST_RUNS_SHOWN} more"])
-    return head, rows
+    parts.append(render_columns(head, rows, style, "<<>"))
+    if plan.notes:
+        parts.append(
+            "\n".join(line for note in plan.notes for line in wrapped(f"note: {note}", columns, "  "))
+        )
+    return "\n\n".join(parts)
+
+
+def _counts(plan: StudyPlan) -> str:
+    parts = [f"{plural(len(plan.runs), 'run')} of {plural(plan.points, 'point')}"]
+    blocks = len({run.block for run in plan.runs})
+    tools = len({run.tool for run in plan.runs} - {0})
+    if plan.replicates > 1:
+        parts.append(f"{plan.replicates} replicates")
+    if blocks > 1 and tools != blocks:
+        parts.append(f"{blocks} blocks")
+    first, last = min(run.seed for run in plan.runs), max(run.seed for run in plan.runs)
+    seeds = f"seed {first}" if first == last else f"seeds {first} to {last}"
+    return ", ".join([*parts, plural(tools, "tool") if tools else seeds])
+
+
+def _costs(plan: StudyPlan) -> str:
+    if plan.costs is None:
+        return ""
+    text = f"{duration(plan.costs.time_s)} of the machine, {duration(plan.costs.machining_time_s)} of it machining"
+    if plan.costs.tool_wear_um:
+        worn = ", ".join(map(length, plan.costs.tool_wear_um))
+        text += f"; tools lose {worn} of {length(plan.costs.most_wear_um)}"
+    if plan.costs.places:
+        text += f"; {len(plan.runs)} of {plural(plan.costs.places, 'place')} of the grid"
+    return text
 
 
 def render_status(
-    plan: StudyPlan,
-    runs: Sequence[StudyRun],
-    words: str,
-    waiting: Sequence[str],
-    style: Style = PLAIN,
+    plan: StudyPlan, runs: Sequence[StudyRun], words: str, steps: Sequence[str], style: Style = PLAIN
 ) -> str:
-    """Render every run with its state and responses, and what the study waits for."""
+    """Render every run with its state and responses, and the next steps."""
     columns = style.columns or USUAL_COLUMNS
-    shown = [one for one in plan.responses if any(run.row is not None or run.told for run in runs)]
+    some = runs[:MOST_RUNS_SHOWN]
     table: dict[str, list[str]] = {
-        "run": [str(run.planned.number) for run in runs],
+        "run": [str(run.planned.number) for run in some],
         "state": [
             f"{run.state}, attempt {run.row.attempt}" if run.row and run.row.attempt > 1 else str(run.state)
-            for run in runs
+            for run in some
         ],
-        "point": [_kind_words(run.planned) for run in runs],
+        "point": [_point(run.planned) for run in some],
     }
     for factor in plan.factors:
-        table[factor.name] = [setting_text(run.planned.settings[factor.key]) for run in runs]
-    for response in shown:
-        table[response.label] = [_cell(run, response.name) for run in runs]
-    most = MOST_RUNS_SHOWN
-    cut = {name: cells[:most] for name, cells in table.items()}
-    fitted = narrowed(cut, style.columns, [*(f.name for f in reversed(plan.factors)), "point"])
-    text = render_table(fitted, style, left=("state",))
-    if len(runs) > most:
-        text += f"\n… and {len(runs) - most} more runs: `edmctl study export` has all of them"
-    missing = [name for name in table if name not in fitted]
-    lines = wrapped(f"{plan.name}: {words}.", columns)
-    after = [line for one in waiting for line in wrapped(one, columns, "  ")]
-    if missing:
-        after.insert(0, f"Not shown, for want of width: {', '.join(missing)}.")
+        table[factor.name] = [setting_text(run.planned.settings[factor.key]) for run in some]
+    if any(run.row is not None or run.told for run in runs):
+        for response in plan.responses:
+            table[response.label] = [_cell(run, response.name) for run in some]
+    fitted = narrowed(table, style.columns, [*(f.name for f in reversed(plan.factors)), "point"])
+    lines = [*wrapped(f"{plan.name}: {words}.", columns), "", render_table(fitted, style, left=("state",))]
+    if len(runs) > len(some):
+        lines.append(f"… and {len(runs) - len(some)} more runs: `edmctl study export` has all of them")
     failed = [run for run in runs if run.state is RunState.FAILED and run.row is not None]
-    for run in failed[:10]:
-        assert run.row is not None
-        after += wrapped(f"run {run.planned.number}: {run.row.error}", columns, "  ")
-    return "\n".join([*lines, "", text, *([""] if after else []), *after])
+    errors = [f"run {run.planned.number}: {run.row.error}" for run in failed[:10] if run.row is not None]
+    notes = [note for note in (not_shown(table, fitted), *steps, *errors) if note]
+    return "\n".join([*lines, "", *(line for note in notes for line in wrapped(note, columns, "  "))])
 
 
-def _kind_words(run: PlannedRun) -> str:
+def _point(run: PlannedRun) -> str:
     return str(run.point) if run.kind is RunKind.DESIGN else f"{run.point} {run.kind}"
 
 
