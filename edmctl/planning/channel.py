@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from typing import TYPE_CHECKING
 
-from edmctl.dataclasses import dataclass
 from edmctl.planning.measuring import (
     between_s,
     descent_time_s,
@@ -36,70 +34,31 @@ FACE_TOUCHES = 3
 LEARNED_U_REL = 0.03  # relative uncertainty of the wear per energy after the first stop has measured it
 
 
-@dataclass(frozen=True)
 class Channel:
-    """The channel of a profile: its size, the tool wear it costs, its passes and its measurement cycles."""
+    """The channel of a profile.
 
-    profile: Profile
-    path: PathTable
+    length_um, depth_um, volume_um3 : of the way, of the target, and of what is removed
+    wear_um : tool wear; the tool loses the same volume per volume removed as in a hole
+    layers : number of layers
+    passes_per_layer : mean number of passes until the sparks have removed a layer, at least one
+    waiting_speed_um_s : speed at which a single pass just removes a layer; a slower one only takes longer
+    pass_time_s : time of one pass; the stages stop during a jump
+    """
 
-    @cached_property
-    def length_um(self) -> float:
-        """Length of the way."""
-        path = self.path
-        if path.kind == "rectangle":
-            return 2.0 * (_given(path.width_um) + _given(path.height_um))
-        if path.kind == "circle":
-            return 2.0 * math.pi * _given(path.radius_um)
-        inner_um, pitch_um, turns = _given(path.radius_um), _given(path.pitch_um), _given(path.turns)
-        growth_um = pitch_um / (2.0 * math.pi)
-        return _archimedes(inner_um + pitch_um * turns, growth_um) - _archimedes(inner_um, growth_um)
-
-    @cached_property
-    def depth_um(self) -> float:
-        """Depth by the target."""
-        return hole(self.profile).depth_um
-
-    @cached_property
-    def section_um2(self) -> float:
-        """Section of a hole of the same tool."""
-        return hole_area_um2(self.profile.tool.diameter_um, self.profile.work.side_gap_um)
-
-    @cached_property
-    def volume_um3(self) -> float:
-        """Removed volume, with the side gap on both sides, and half a hole at either end of an open way."""
-        width_um = self.profile.tool.diameter_um + 2.0 * self.profile.work.side_gap_um
-        ends_um2 = self.section_um2 if self.path.kind == "spiral" else 0.0
-        return (width_um * self.length_um + ends_um2) * self.depth_um
-
-    @cached_property
-    def wear_um(self) -> float:
-        """Wear length of the tool: it loses the same volume per volume removed as in a hole."""
-        return self.profile.wear.expected_ratio * self.volume_um3 / self.section_um2
-
-    @cached_property
-    def layers(self) -> int:
-        """Number of layers."""
-        return math.ceil(self.depth_um / self.path.layer_um - 1e-9)
-
-    @cached_property
-    def _sparks_of_layer_s(self) -> float:
-        return LAST_PASS_SHARE * self.volume_um3 / self.layers / removal_um3_s(self.profile, self.depth_um)
-
-    @property
-    def passes_per_layer(self) -> float:
-        """Mean number of passes until the sparks have removed a layer, at least one."""
-        return max(1.0, self._sparks_of_layer_s * self.path.speed_um_s / self.length_um)
-
-    @property
-    def waiting_speed_um_s(self) -> float:
-        """Speed at which a single pass just removes a layer; a slower one only takes longer."""
-        return self.length_um / self._sparks_of_layer_s
-
-    @property
-    def pass_time_s(self) -> float:
-        """Time of one pass; the stages stop during a jump."""
-        return self.length_um / self.path.speed_um_s / (1.0 - time_share_of_jumps(self.profile))
+    def __init__(self, profile: Profile, path: PathTable) -> None:
+        self.profile, self.path = profile, path
+        self.length_um = _length_um(path)
+        self.depth_um = hole(profile).depth_um
+        diameter_um, gap_um = profile.tool.diameter_um, profile.work.side_gap_um
+        section_um2 = hole_area_um2(diameter_um, gap_um)
+        ends_um2 = section_um2 if path.kind == "spiral" else 0.0  # half a hole at either end of an open way
+        self.volume_um3 = ((diameter_um + 2.0 * gap_um) * self.length_um + ends_um2) * self.depth_um
+        self.wear_um = profile.wear.expected_ratio * self.volume_um3 / section_um2
+        self.layers = math.ceil(self.depth_um / path.layer_um - 1e-9)
+        layer_s = LAST_PASS_SHARE * self.volume_um3 / self.layers / removal_um3_s(profile, self.depth_um)
+        self.passes_per_layer = max(1.0, layer_s * path.speed_um_s / self.length_um)
+        self.waiting_speed_um_s = self.length_um / layer_s
+        self.pass_time_s = self.length_um / path.speed_um_s / (1.0 - time_share_of_jumps(profile))
 
     def passes(self, setup: Setup, done: int = 0) -> int:
         """Return the passes after the first `done` layers, with those that even the floor out before a stop."""
@@ -155,15 +114,23 @@ class Channel:
         return total_s
 
 
+def _length_um(path: PathTable) -> float:
+    """Return the length of the way; the rules refuse a path without the sizes of its kind."""
+    inner_um, pitch_um = path.radius_um or 0.0, path.pitch_um or 0.0
+    if path.kind == "rectangle":
+        return 2.0 * ((path.width_um or 0.0) + (path.height_um or 0.0))
+    if path.kind == "circle":
+        return 2.0 * math.pi * inner_um
+    growth_um = pitch_um / (2.0 * math.pi)
+    return _archimedes(inner_um + pitch_um * (path.turns or 0.0), growth_um) - _archimedes(
+        inner_um, growth_um
+    )
+
+
 def _archimedes(radius_um: float, growth_um: float) -> float:
     """Return the length of a spiral of Archimedes from its centre to a radius, growing by this per radian."""
     across_um = math.hypot(radius_um, growth_um)
     return (radius_um * across_um / growth_um + growth_um * math.asinh(radius_um / growth_um)) / 2.0
-
-
-def _given(value_um: float | None) -> float:
-    """Return a value that the kind of a path needs; the rules refuse a path without it."""
-    return math.nan if value_um is None else value_um
 
 
 PIECE_UM = 25.0

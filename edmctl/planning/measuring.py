@@ -31,8 +31,7 @@ SET_U_UM = math.sqrt(2.0) * TOUCH_U_UM
 """Of the difference of two readings taken one after the other, by their scatter."""
 FACE_U_UM = 0.10  # of the face at a place after a plane was fitted to three touches
 FACE_LIMIT_UM = 0.3
-"""Of the face at a place where tilt would make it worse: it is touched there then, and a touch knows it better. At
-0.3 mrad it takes a millimetre to get there."""
+"""Of the face at a place; where tilt makes it worse, a millimetre away at 0.3 mrad, the face is touched there."""
 BETWEEN_S = 60.0  # from touch to touch besides the machining
 STARTING_S = 1.6  # arming, the test of the gap sensor and a rest before the first stroke
 MOVING_S = 0.7  # a stage move besides its way: ramp to 0 V, rest, and play of the drive
@@ -57,10 +56,7 @@ CREEP_STROKE_UM = 430.0
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """One cut: how far it feeds, whether a measuring stop follows, and how well the depth is known after it.
-
-    `depth_u95_um` is half the 95 % interval; NaN where no depth is wanted.
-    """
+    """One cut: its feed, whether a measurement cycle follows, and half the 95 % interval of the depth then."""
 
     feed_um: float
     measured: bool
@@ -96,9 +92,15 @@ def planned_cuts(
 
     `plane` says whether the face is touched at three places before.
     """
-    plan, is_single = _Plan(profile, setup, plane=plane), len(holes) == 1
+    plan = _Plan(profile, setup)
+    tilt = 1e-3 * setup.surface.tilt_u_mrad
     return [
-        plan.hole(one, way_um, is_last=one is holes[-1], is_single=is_single)
+        plan.hole(
+            one,
+            FACE_U_UM if plane else min(tilt * way_um, FACE_LIMIT_UM),
+            is_last=one is holes[-1],
+            is_single=len(holes) == 1,
+        )
         for one, way_um in zip(holes, away_um, strict=True)
     ]
 
@@ -121,31 +123,28 @@ def displacement(setup: Setup) -> Displacement:
 
 
 class _Plan:
-    """State of the plan while holes follow one another."""
+    """State of the plan while holes follow one another: the estimate, and since when the pad was not touched."""
 
-    def __init__(self, profile: Profile, setup: Setup, *, plane: bool) -> None:
+    def __init__(self, profile: Profile, setup: Setup) -> None:
         self._profile = profile
-        self._setup = setup
         self._displacement = displacement(setup)
-        self._plane = plane
         self._area_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
         self._estimate = estimate_of(profile)
         self._wear_u_um = 0.0
         self._since_s = BETWEEN_S
 
-    def hole(self, one: Hole, away_um: float, *, is_last: bool, is_single: bool) -> list[Cut]:
-        """The cuts of the next hole."""
+    def hole(self, one: Hole, face_u_um: float, *, is_last: bool, is_single: bool) -> list[Cut]:
+        """The cuts of the next hole; `face_u_um` is the standard uncertainty of the face's height over the pad's."""
         target, wear = self._profile.target, self._profile.wear
         if target.kind != "depth":
             return [Cut(one.feed_um, measured=True)]
         if cut_budget(self._profile) == 1:
-            found_u_um, _ = self._found_u_um(one.depth_um, self._face_u_um(away_um))
-            return [Cut(one.feed_um, measured=True, depth_u95_um=half_width(found_u_um))]
+            measured_u_um, _ = self._measured_u_um(one.depth_um, face_u_um)
+            return [Cut(one.feed_um, measured=True, depth_u95_um=half_width(measured_u_um))]
         counted = wear.remeasure not in ("auto", "sparing")
         touches_final = counted or (is_single and wear.remeasure == "auto")
         fresh = self._estimate.fits == 0
-        before = self._estimate if fresh else self._estimate.next_hole(one.depth_um)
-        estimate, face_u_um = before, self._face_u_um(away_um)
+        estimate = before = self._estimate if fresh else self._estimate.next_hole(one.depth_um)
         rate_um_s = feed_rate_um_s(self._profile, one.depth_um)
         drift_um = self._drift_um(one.depth_um * (1.0 + estimate.wear_ratio) / rate_um_s)
         sensed_u_um = self._displacement.length_u_um(one.depth_um)
@@ -165,10 +164,10 @@ class _Plan:
                 begun=bool(cuts),
             )
             measured = cut.measured or touches_final or (is_last and not cuts)
-            depth_u_um, worn_u_um = self._found_u_um(depth_um + cut.depth_um, face_u_um)
+            depth_u_um, worn_u_um = self._measured_u_um(depth_um + cut.depth_um, face_u_um)
             # A later touch of the pad corrects what was not measured, by its own uncertainty.
-            settled_u_um = math.hypot(start_u_um, gap_u_um, TOUCH_U_UM) if cuts else 0.0
-            known_u_um = depth_u_um if measured else max(cut.depth_u_um, settled_u_um)
+            corrected_u_um = math.hypot(start_u_um, gap_u_um, TOUCH_U_UM) if cuts else 0.0
+            known_u_um = depth_u_um if measured else max(cut.depth_u_um, corrected_u_um)
             cuts.append(Cut(cut.feed_um, measured, half_width(known_u_um)))
             self._since_s += cut.feed_um / rate_um_s
             if not measured:
@@ -188,16 +187,11 @@ class _Plan:
     def _energy(self, estimate: ErosionEstimate, depth_um: float) -> Energy:
         return Energy(depth_um * self._area_um2 / estimate.removal_um3_per_uj, 0.0)
 
-    def _face_u_um(self, away_um: float) -> float:
-        """Standard uncertainty of the face's height over the pad's."""
-        tilted_um = 1e-3 * self._setup.surface.tilt_u_mrad * away_um
-        return FACE_U_UM if self._plane else min(tilted_um, FACE_LIMIT_UM)
-
     def _drift_um(self, more_s: float = 0.0) -> float:
         """Drift since the last touch of the pad, now or `more_s` later."""
         return self._displacement.drift_u_um_per_s * (self._since_s + more_s)
 
-    def _found_u_um(self, depth_um: float, face_u_um: float) -> tuple[float, float]:
+    def _measured_u_um(self, depth_um: float, face_u_um: float) -> tuple[float, float]:
         """Return the standard uncertainties of a measured depth and its wear."""
         known = self._displacement
         wear_um = self._profile.wear.expected_ratio * depth_um
@@ -251,8 +245,7 @@ def further_spot_s(profile: Profile) -> float:
 
 def again_s(profile: Profile) -> float:
     """One more touch at the same place, s."""
-    measure = profile.measure
-    return measure.back_off_um / measure.speed_um_s + measure.dwell_s
+    return profile.measure.back_off_um / profile.measure.speed_um_s + profile.measure.dwell_s
 
 
 def reading_time_s(
@@ -281,15 +274,15 @@ def stop_time_s(
     bottom: bool = True,
     rim_um: float = 0.0,
 ) -> float:
-    """One measuring stop after a cut of `feed_um`, with a tool worn by `wear_um`: bottom, if any, and pad, s.
+    """One measurement cycle after a cut of `feed_um`, with a tool worn by `wear_um`: bottom, if any, and pad, s.
 
     `pad_s` is the way of the stages to the pad; the wear over the last `rim_um` of the feed is unknown.
     """
-    surface_um = profile.approach.offset_um + wear_um
     bottom_s = 0.5 + reading_time_s(profile, RISE_UM) if bottom else 0.0
     early_um = RIM_WEAR_SHARE * rim_um
+    way_um = profile.approach.offset_um + wear_um - early_um
     unknown_um = math.hypot(WEAR_U_SHARE * feed_um, 2.0 * rim_um / math.sqrt(12.0)) - early_um
-    pad_reading_s = reading_time_s(profile, surface_um - early_um, unknown_um, RELUCTANCE_TOUCHING)
+    pad_reading_s = reading_time_s(profile, way_um, unknown_um, RELUCTANCE_TOUCHING)
     return bottom_s + pad_s + pad_reading_s + further_spot_s(profile)
 
 

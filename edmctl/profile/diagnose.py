@@ -12,7 +12,7 @@ from edmctl.failures import Code
 from edmctl.profile.positions import KeyPath, Sources, TomlTable
 from edmctl.profile.read import dotted
 from edmctl.profile.tables import accepts, keys_at, lists_tables, nearest, permitted_at
-from edmctl.profile.units import NO_UNIT, Unit, converted, others, quantity, split
+from edmctl.profile.units import NO_UNIT, Unit, converted, quantity, split
 from edmctl.toml_text import toml_value
 from edmctl.wording import shortened
 
@@ -137,26 +137,14 @@ def _hint_unknown(path: KeyPath, model: type[BaseModel], data: TomlTable) -> str
 def _hint_quantity(
     path: KeyPath, model: type[BaseModel], value: object, hint: str, written: Unit = NO_UNIT
 ) -> str:
-    """Return `hint` with what the value is in the unit of the key at `path`, if it may be in another unit.
-
-    written : unit of the key that was written instead, if it has one
-    """
-    key, found = str(path[-1]), quantity(value)
-    if found is None:
-        return hint
-    number, stated = found
-    unit = split(key)[1]
-    stated = stated or (written if written.symbol else None)
-    if stated:
-        in_unit = converted(number, stated, unit)
-        fits = stated.dimension == unit.dimension and accepts(model, path, in_unit)
-        return f"write {key} = {in_unit:g}" if fits else hint
-    is_accepted = accepts(model, path, value)
-    for other in [] if is_accepted and abs(number) >= 1.0 else others(unit):
-        in_unit = converted(number, other, unit)
-        if accepts(model, path, in_unit) and (other.scale > unit.scale or not is_accepted):
-            end = "" if hint.endswith("?") else ";"
-            return f"{hint}{end} {number:g} {other.symbol} is {key} = {in_unit:g}"
+    """Return how to write a value with a unit of its own, or of the key that was written instead; else `hint`."""
+    key, stated = str(path[-1]), quantity(value)
+    unit = (stated[1] or written) if stated else NO_UNIT
+    own = split(key)[1]
+    if stated and unit.symbol and unit.dimension == own.dimension:
+        in_unit = converted(stated[0], unit, own)
+        if accepts(model, path, in_unit):
+            return f"write {key} = {in_unit:g}"
     return hint
 
 

@@ -169,18 +169,13 @@ class Source:
     text: str
 
     @cached_property
-    def _entries(self) -> dict[KeyPath, Entry]:
+    def entries(self) -> dict[KeyPath, Entry]:
+        """Spans of all keys and values."""
         return scan(self.text)
 
-    def key(self, path: KeyPath) -> Location | None:
-        """Location of a key, or None when this text does not hold it."""
-        entry = self._entries.get(path)
-        return None if entry is None else location(self.name, self.text, entry.key)
-
-    def value(self, path: KeyPath) -> Location | None:
-        """Location of a value, or None when this text does not hold it."""
-        entry = self._entries.get(path)
-        return None if entry is None else location(self.name, self.text, entry.value)
+    def value(self, path: KeyPath) -> Location:
+        """Location of a value; where it is not written, the first character."""
+        return Sources((self,), self).value(path)
 
     def start(self) -> Location:
         """The first character of the text."""
@@ -196,10 +191,14 @@ class Sources:
 
     def key(self, path: KeyPath) -> Location:
         """Location of a key; where it is written nowhere, of the nearest table around it."""
-        around = (source.key(path[:size]) for size in range(len(path), 0, -1) for source in self.texts)
-        return next((found for found in around if found is not None), self.file.start())
+        around = (self._written(path[:size]) for size in range(len(path), 0, -1))
+        source, entry = next((one for one in around if one), (self.file, None))
+        return location(source.name, source.text, entry.key) if entry else source.start()
 
     def value(self, path: KeyPath) -> Location:
         """Location of a value; where it is written nowhere, of the nearest table around it."""
-        found = (source.value(path) for source in self.texts)
-        return next((one for one in found if one is not None), None) or self.key(path)
+        source, entry = self._written(path) or (self.file, None)
+        return location(source.name, source.text, entry.value) if entry else self.key(path)
+
+    def _written(self, path: KeyPath) -> tuple[Source, Entry] | None:
+        return next(((one, one.entries[path]) for one in self.texts if path in one.entries), None)

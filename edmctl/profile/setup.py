@@ -255,12 +255,5 @@ def _misplaced(setup: Setup, sources: Sources) -> Iterator[Diagnostic]:
                 yield Diagnostic(Code.OUT_OF_REACH, message, hint, where)
     if all(one.beyond_um(*park) <= 0.0 for one in edges):
         message = "the parking place is over the workpiece, where the tool would collide in its full stroke"
-        ways_um = {"x": stage.park_x_um - stage.reference_x_um, "y": stage.park_y_um - stage.reference_y_um}
-        axis = max(ways_um, key=lambda name: abs(ways_um[name]))
-        key = f"{axis}_{'max' if ways_um[axis] > 0.0 else 'min'}_um"
-        if getattr(setup.surface, key) is None and edges:
-            message += ": [surface] states no edge between the reference pad and it"
-            hint = f"state surface.{key}, the edge towards the parking place"
-        else:
-            hint = f"park the tool beside the workpiece, or correct surface.{key}"
+        hint = "park the tool beside the workpiece, or correct the edges in [surface]"
         yield Diagnostic(Code.OUT_OF_REACH, message, hint, sources.value(("stage", "park_x_um")))

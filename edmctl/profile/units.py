@@ -116,15 +116,3 @@ def converted(number: float, unit: Unit, into: Unit) -> float:
     """Return a number in another unit, without the digits that the conversion adds; whole if it is whole."""
     rounded = float(f"{number * unit.scale / into.scale:.12g}")
     return int(rounded) if rounded.is_integer() else rounded
-
-
-def others(unit: Unit) -> list[Unit]:
-    """Return other units that people write instead, the nearest in size first; ratios differ in one part."""
-    separator = "_per_" if "_per_" in unit.ending else "_"
-    top, found, bottom = unit.ending.partition(separator)
-    power = top[-1:] if top[-1:] in ("2", "3") else ""
-    endings = [f"{other}{power}{found}{bottom}" for other in _SIMPLE]
-    if bottom == "s":
-        endings += [f"{other}{power}{found}min" for other in _SIMPLE]
-    same = [one for ending in endings if (one := unit_of(ending)) and one.dimension == unit.dimension]
-    return sorted((one for one in same if one != unit), key=lambda one: abs(math.log(one.scale / unit.scale)))
