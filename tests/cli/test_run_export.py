@@ -13,13 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edmctl.errors import RunFileError, installing
+from edmctl.errors import RunFileError, UsageError, installing
 from edmctl.jobs.output_files import new_file
+from edmctl.jobs.runs.export import export_request
 from edmctl.record.reader import open_run
 from edmctl.record.rows import ServoBlock
 from edmctl.report.export import TABLES, CsvWriter, ExportTable, formatted
 from edmctl.results.telemetry import PulseBlockBatch
-from tests.cli.commands import CU270, Here, command, environment
+from tests.cli.commands import Here, command, environment
 from tests.cli.run_files import begun, killed
 from tests.record.samples import finished as made_up
 
@@ -63,13 +64,14 @@ def test_pulses_have_their_times_and_plain_units(here: Here, run: Path) -> None:
     assert [float(cell) for cell in columns["td_us"][:4]] == pytest.approx([0.0, 0.1, 0.2, 0.3])
 
 
-def test_results_of_a_simulated_run_have_its_truth(here: Here) -> None:
-    options = ("--set", "target.depth_um=8", "--set", "target.tolerance_um=2", "--json")
-    document = here("machine", "--profile", CU270, *options, "--seed", "4").document
-    columns = columns_of(here("run", "export", document["run_file"], "-t", "results").out)
-    (site,) = document["result"]["sites"]
+def test_results_of_a_simulated_run_have_its_truth(here: Here, run_file: Path) -> None:
+    columns = columns_of(here("run", "export", str(run_file), "-t", "results").out)
+    with open_run(run_file) as opened:
+        (site,) = (opened.summary() or {})["sites"]
     for name in ("depth_um", "wear_um"):
-        assert [round(float(cell), 3) for cell in columns[f"truth_{name}"]] == [site["truth"][name]]
+        assert [float(cell) for cell in columns[f"truth_{name}"]] == pytest.approx(
+            [site["truth"][name]], abs=1e-3
+        )
 
 
 def test_texts_and_unknown_values_keep_their_form(here: Here, run: Path) -> None:
@@ -139,23 +141,25 @@ def test_without_a_place_files_stand_beside_the_run_and_nothing_is_overwritten(h
 
 
 @pytest.mark.parametrize(
-    ("code", "options"),
+    ("code", "tables", "form", "out", "as_json"),
     [
-        ("Did you mean servo?", ["-t", "srevo"]),
-        ("E2081", ["--format", "xlsx"]),
-        ("E2081", ["-o", "touches.xlsx"]),
-        ("E2081", ["-t", "touches", "-o", "touches.xlsx", "--format", "csv"]),
-        ("E2082", ["-o", "-"]),
-        ("E2082", ["-t", "servo", "-t", "slow", "-o", "both.csv"]),
-        ("E2083", ["-t", "servo", "--json"]),
-        ("E2084", ["-t", "servo", "--format", "json", "-o", "servo.csv"]),
+        ("E2080", ["srevo"], None, None, False),
+        ("E2081", [], "xlsx", None, False),
+        ("E2081", [], None, "touches.xlsx", False),
+        ("E2081", ["touches"], "csv", "touches.xlsx", False),
+        ("E2082", [], None, "-", False),
+        ("E2082", ["servo", "slow"], None, "both.csv", False),
+        ("E2083", ["servo"], None, None, True),
+        ("E2084", ["servo"], "json", "servo.csv", False),
     ],
 )
-def test_what_cannot_be_meant_is_refused(here: Here, run: Path, code: str, options: list[str]) -> None:
-    said = here("run", "export", str(run), *options)
-    assert said.exit_code == 2
-    assert code in said.err + said.out
-    assert not Path("touches.xlsx").exists()
+def test_what_cannot_be_meant_is_refused(
+    code: str, tables: list[str], form: str | None, out: str | None, as_json: bool
+) -> None:
+    with pytest.raises(UsageError) as refused:
+        export_request("one", Path(), list(TABLES), tables, form, Path(out) if out else None, as_json=as_json)
+    assert refused.value.code == code
+    assert code != "E2080" or "Did you mean servo?" in refused.value.hint
 
 
 def test_a_file_is_replaced_where_that_is_wanted_and_stays_where_it_fails(

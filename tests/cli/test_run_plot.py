@@ -4,27 +4,25 @@ from __future__ import annotations
 
 import io
 import re
-import shutil
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import h5py
 import pytest
 
-from edmctl.app import main
+from edmctl.errors import UsageError
+from edmctl.jobs.runs.plot import plot_request
 from edmctl.record.locks import hold, release
 from edmctl.record.opening import SEAL_BYTES
 from edmctl.report.kinds import KINDS, NAMES, Kind, kind_called
 from edmctl.report.panels import new_figure
 from edmctl.report.style import NothingToDraw
-from tests.cli.commands import ROOT, SHALLOW, Here
+from tests.cli.commands import ROOT, Here
 from tests.cli.test_start_up import HEAVY, modules_after
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from edmctl.jobs.runs.plot import Target
     from edmctl.record.reader import RunFile
 
 PNG, PDF = b"\x89PNG\r\n\x1a\n", b"%PDF"
@@ -55,32 +53,6 @@ def sketches(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("edmctl.report.page.draw", sketch)
 
 
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The file of a shallow hole, without pulses."""
-    folder = tmp_path_factory.mktemp("recorded")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("EDMCTL_HOME", str(folder / "home"))
-        patch.chdir(folder)
-        assert main(("machine", *SHALLOW, "--seed", "4", "--run-id", "one", "--quiet")) == 0
-    return folder / "runs" / "one.h5"
-
-
-@pytest.fixture
-def run(recorded: Path, tmp_path: Path) -> Path:
-    """A copy of it in a folder of its own."""
-    return Path(shutil.copy(recorded, tmp_path / "one.h5"))
-
-
-def unfinished(run: Path) -> Path:
-    """The file as its writer leaves it when it is killed."""
-    partial = run.with_name("one.h5.partial")
-    run.rename(partial)
-    with h5py.File(partial, "r+") as file:
-        file["/entry/end_time"][()] = b""
-    return partial
-
-
 def names_in(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
@@ -106,12 +78,9 @@ def test_every_kind_but_the_report_is_drawn_without_being_asked_for(
     here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[str] = []
-
-    def content(_: object, target: Target) -> bytes:
-        asked.append(target.name)
-        return b"a figure"
-
-    monkeypatch.setattr("edmctl.cli.commands.run._content", content)
+    monkeypatch.setattr(
+        "edmctl.cli.commands.run._content", lambda _, target: asked.append(target.name) or b"a figure"
+    )
     assert here("run", "plot", str(run)).exit_code == 0
     assert asked == [kind.name for kind in KINDS] == list(NAMES[:-1])
 
@@ -125,7 +94,7 @@ def test_named_figures_go_into_a_new_folder_or_the_file_that_is_named(here: Here
     assert b"<svg" in (folder / "one-gap.svg").read_bytes()[:1000]
     document = here(*named, "-o", str(file), "--json").document
     assert file.read_bytes().startswith(PDF)
-    assert (document["command"], document["simulated"], document["seed"]) == ("run plot", True, 4)
+    assert (document["command"], document["simulated"], document["seed"]) == ("run plot", True, 3)
     assert document["run_file"] == str(run)
     assert document["result"] == {
         "figures": [{"kind": "gap", "file": str(file), "bytes": file.stat().st_size}],
@@ -175,24 +144,26 @@ def test_a_figure_that_was_asked_for_and_cannot_be_is_an_error_and_the_others_ar
 @pytest.mark.parametrize(
     ("options", "code"),
     [
-        (("--kind", "gapp"), "E2070"),
-        (("--kind", "gap", "--kind", "steps", "--out", "two.png"), "E2071"),
-        (("--out", "all.svg"), "E2071"),
-        (("--kind", "gap", "--out", "-"), "E2071"),
-        (("--kind", "gap", "--format", "gif"), "E2072"),
-        (("--kind", "report", "--format", "pdf"), "E2072"),
-        (("--kind", "gap", "--format", "svg", "--out", "one.png"), "E2072"),
-        (("--kind", "gap", "--out", "one.html"), "E2072"),
-        (("--kind", "gap", "--out", "one.jpg"), "E2072"),
-        (("--kind", "report", "--out", "one.png"), "E2072"),
+        ("--kind gapp", "E2070"),
+        ("--kind gap --kind steps --out two.png", "E2071"),
+        ("--out all.svg", "E2071"),
+        ("--kind gap --out -", "E2071"),
+        ("--kind gap --format gif", "E2072"),
+        ("--kind report --format pdf", "E2072"),
+        ("--kind gap --format svg --out one.png", "E2072"),
+        ("--kind gap --out one.html", "E2072"),
+        ("--kind gap --out one.jpg", "E2072"),
+        ("--kind report --out one.png", "E2072"),
     ],
 )
-def test_what_does_not_fit_together_is_a_usage_error(
-    here: Here, run: Path, options: tuple[str, ...], code: str
-) -> None:
-    said = here("run", "plot", str(run), *options, "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (2, code)
-    assert names_in(run.parent) == ["one.h5"]
+def test_what_does_not_fit_together_is_a_usage_error(options: str, code: str, tmp_path: Path) -> None:
+    words = options.split()
+    named = dict(zip(words[::2], words[1::2], strict=True))
+    kinds = [value for option, value in zip(words[::2], words[1::2], strict=True) if option == "--kind"]
+    out = Path(named["--out"]) if "--out" in named else None
+    with pytest.raises(UsageError) as refused:
+        plot_request("one", tmp_path, kinds, out, named.get("--format"))
+    assert refused.value.code == code
 
 
 def test_help_hint_and_the_page_of_instructions_name_every_kind(here: Here, run: Path) -> None:
@@ -205,18 +176,19 @@ def test_help_hint_and_the_page_of_instructions_name_every_kind(here: Here, run:
     assert re.findall(r"^\| `(\w+)` \|", section, flags=re.MULTILINE) == list(NAMES)
 
 
-def test_a_live_run_is_drawn_as_far_as_it_goes_and_a_killed_one_is_refused(here: Here, run: Path) -> None:
-    partial = unfinished(run)
-    said = here("run", "plot", str(partial), "--json")
+def test_a_live_run_is_drawn_as_far_as_it_goes_and_a_killed_one_is_refused(
+    here: Here, unfinished: Path
+) -> None:
+    said = here("run", "plot", str(unfinished), "--json")
     assert (said.exit_code, said.document["error"]["code"]) == (9, "E9008")
-    assert names_in(run.parent) == ["one.h5.partial"]
-    lock = hold(partial)
+    assert names_in(unfinished.parent) == ["one.h5.partial"]
+    lock = hold(unfinished)
     try:
-        said = here("run", "plot", str(partial), "--kind", "gap")
+        said = here("run", "plot", str(unfinished), "--kind", "gap")
     finally:
         release(lock)
     assert said.exit_code == 0, said.err
-    assert (run.parent / "one-gap.png").read_bytes().startswith(PNG)
+    assert (unfinished.parent / "one-gap.png").read_bytes().startswith(PNG)
 
 
 def test_what_a_damaged_file_brings_about_is_its_own_fault(

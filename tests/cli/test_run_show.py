@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,18 +21,17 @@ from edmctl.cli.signals import SignalArrived
 from edmctl.errors import RunFileError
 from edmctl.jobs.runs.follow import follow_run
 from edmctl.jobs.runs.summary import jumps_of
-from edmctl.record.rows import EventLevel, EventRow, RunEvent, ServoBlock, SlowRow, Summary
+from edmctl.record.rows import EventLevel, EventRow, RunEvent, ServoBlock, SlowRow, Summary, profile_leaves
 from edmctl.record.writer import RunWriter
 from edmctl.results.run_file import FileEvent
-from tests.cli.commands import CU270, ROOT, Here, environment
+from tests.cli.commands import ROOT, Here, environment
 from tests.cli.run_files import begun, finished, killed
-from tests.record.samples import a_meta
+from tests.record.samples import PROFILE, a_meta, slow_row
+from tests.record.samples import finished as made_up
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from edmctl.results.progress import Progress
-
-QUICK = ("target.depth_um=8", "measure.settle_s=0.2", "measure.touches=2", "approach.speed_um_s=5.0")
 
 
 class Seen(Reporter):
@@ -48,13 +48,13 @@ class Seen(Reporter):
         self.notes.append(text)
 
 
-def test_a_job_is_shown_with_the_figures_of_its_own_result(here: Here) -> None:
-    options = [word for value in QUICK for word in ("--set", value)]
-    naming = ("--seed", "3", "--run-id", "one", "--quiet", "--json")
-    made = here("machine", "--profile", CU270, *options, *naming)
-    site = made.document["result"]["sites"][0]
-    said = here("run", "show", "runs/one.h5")
+def test_a_job_is_shown_with_the_figures_of_its_own_result(here: Here, run: Path) -> None:
+    said = here("run", "show", str(run))
     assert (said.exit_code, said.err) == (0, "")
+    document = here("run", "show", str(run), "--json").document
+    assert (document["seed"], document["simulated"], document["run_file"]) == (3, True, str(run))
+    result = document["result"]
+    (site,), (shown,) = result["summary"]["sites"], result["sites"]
     depth = re.search(r"^depth +([\d.]+) ± ([\d.]+) µm", said.out, re.MULTILINE)
     assert depth is not None
     assert [float(text) for text in depth.groups()] == pytest.approx(
@@ -64,15 +64,10 @@ def test_a_job_is_shown_with_the_figures_of_its_own_result(here: Here) -> None:
     assert f"{site['truth']['depth_um']:.2f} µm" in said.out
     assert "wanted was a depth of 8 ± 2 µm in Cu" in said.out
     assert "No faults, no warnings." in said.out
-    assert max(map(len, said.out.splitlines())) <= 80
-    shown = here("run", "show", "runs/one.h5", "--json").document
-    assert shown["result"]["summary"] == made.document["result"]
-    assert (shown["seed"], shown["simulated"], shown["run_file"]) == (3, True, "runs/one.h5")
-    (told,) = shown["result"]["sites"]
-    assert told["depth_um"] == site["depth_um"]
-    assert told["truth_wear_um"] == site["truth"]["wear_um"]
-    assert [touch["kind"] for touch in shown["result"]["touches"]][:2] == ["Z1", "Z1"]
-    assert shown["result"]["rows"]["servo"] > 1000
+    assert max(len(line) for line in said.out.splitlines() if "/" not in line) <= 80
+    assert (shown["depth_um"], shown["truth_wear_um"]) == (site["depth_um"], site["truth"]["wear_um"])
+    assert [touch["kind"] for touch in result["touches"]][:2] == ["Z1", "Z1"]
+    assert result["rows"]["servo"] > 1000
 
 
 def test_a_live_run_is_shown_under_its_coming_name_and_a_killed_one_is_called_so(
@@ -256,3 +251,84 @@ def test_a_hole_that_was_left_and_its_error_are_told_in_words(here: Here, tmp_pa
     assert "home" not in said
     assert "E4005 (4)" in here("run", "list", str(tmp_path)).out
     assert "no port" not in said + here("run", "explain", str(tmp_path / "a.h5")).out
+
+
+DEEP = {"target": {"kind": "depth", "depth_um": 180.0, "tolerance_um": 2.0}}
+PROCEDURES: dict[tuple[str, ...], str] = {
+    ("measure-wear", "--reference"): "wear reference",
+    ("approach", "--contact"): "contact touch",
+}
+WEAR = {"z2_um": 61.3, "wear_um": 3.468, "wear_u95_um": 0.991, "depth_um": 7.951, "depth_u95_um": 0.42}
+
+
+def made(folder: Path, run_id: str, *command: str, found: Mapping[str, object] | None = None) -> Path:
+    """The file of a run of `command` that found something, or left a hole."""
+    leaves = profile_leaves({**PROFILE, **DEEP, "jump": {"height_um": 60.0, "period_s": 10.0}})
+    procedure = PROCEDURES.get(command, command[0])
+    meta = replace(
+        a_meta(), run_id=run_id, command=("edmctl", *command), procedure=procedure, profile_leaves=leaves
+    )
+    path = folder / f"{run_id}.h5"
+    if found is not None:
+        return made_up(path, Summary(json.dumps(found)), meta=meta)
+    row = replace(slow_row(120), depth_um=153.06, wear_um=40.0, depth_u95_um=6.5)
+    return made_up(path, row, meta=meta, end=("machine fault", 6))
+
+
+@pytest.mark.parametrize(
+    ("command", "wanted"),
+    [
+        (("machine",), "wanted was a depth of 180 ± 2 µm"),
+        (("measure-wear",), "wanted was to measure wear"),
+        (("measure-wear", "--reference"), "wanted was to touch the pad"),
+        (("approach",), "wanted was to find the spark gap"),
+        (("approach", "--contact"), "wanted was to find the surface"),
+        (("jump-flush", "-n", "4"), "wanted was to jump 60 µm every 10 s"),
+    ],
+)
+def test_what_was_wanted_is_said_by_the_command(
+    here: Here, tmp_path: Path, command: tuple[str, ...], wanted: str
+) -> None:
+    path = made(tmp_path, "a", *command, found={"touches": 3})
+    assert wanted in " ".join(here("run", "show", str(path)).out.split())
+    explained = here("run", "explain", str(path)).out
+    assert wanted in " ".join(explained.split())
+    assert ("Found: touches 3." in explained) is (command != ("machine",))
+
+
+def test_what_was_found_is_told_in_words_and_the_depth_is_listed(here: Here, tmp_path: Path) -> None:
+    path = made(tmp_path, "a", "measure-wear", found=WEAR)
+    shown = " ".join(here("run", "show", str(path)).out.split())
+    assert "Z2 61.30 µm; wear 3.47 ± 0.99 µm; depth 7.95 ± 0.42 µm" in shown
+    (line,) = (line for line in here("run", "list", str(tmp_path)).out.splitlines() if line.startswith("a "))
+    assert "7.95 ± 0.42   3.47 ± 0.99" in line
+
+
+def test_a_hole_that_was_left_is_told_as_deep_as_estimated(here: Here, tmp_path: Path) -> None:
+    left = made(tmp_path, "left", "machine")
+    assert "about 153.1 ± 6.5 µm (estimated)" in here("run", "show", str(left)).out
+    assert here("run", "show", str(left), "--json").document["result"]["est_depth_u95_um"] == 6.5
+    listed = here("run", "list", str(tmp_path)).out
+    assert " ~153.1 " in listed
+    assert "\n~ estimated by feed and energy, not touched." in listed
+    compared = here("run", "compare", str(left), str(left)).out
+    (line,) = (line for line in compared.splitlines() if line.startswith("depth "))
+    assert line.split("   ")[0] == "depth when left (estimated), µm"
+    assert "153.1 ± 6.5" in line
+
+
+def test_a_recovered_run_was_killed_and_not_refused(here: Here, tmp_path: Path) -> None:
+    here("run", "recover", str(killed(tmp_path, "dead")))
+    said = " ".join(here("run", "explain", str(tmp_path / "dead.h5")).out.split())
+    assert "was killed" in said
+    assert "refused" not in said
+    assert "exit code" not in said
+
+
+def test_a_file_name_stays_on_its_line(here: Here, tmp_path: Path) -> None:
+    made(tmp_path, "left", "machine").rename(tmp_path / "two\nlines\x1b[2J.h5")
+    (tmp_path / "no\nfile.h5").write_text("no HDF5 at all")
+    listed = here("run", "list", str(tmp_path)).out
+    assert [line.split()[0] for line in listed.splitlines()[1:3]].count(r"two\nlines\x1b[2J") == 1
+    assert r"no\nfile.h5" in listed
+    assert "\x1b[2J" not in listed
