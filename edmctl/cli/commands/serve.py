@@ -1,13 +1,10 @@
 """`edmctl simulate serve`: a virtual controller that other programs reach as they reach a real one."""
 
 import math
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
-
-import typer
 
 from edmctl import failures
 from edmctl.cli.options import (
@@ -19,6 +16,7 @@ from edmctl.cli.options import (
     SetupOption,
     command,
     controlled_by,
+    option,
 )
 from edmctl.cli.outcome import Outcome, tell
 from edmctl.cli.signals import requests_by_signal, shell, stopping_signals
@@ -30,72 +28,49 @@ if TYPE_CHECKING:
     from edmctl.simulator import BenchConfig, VirtualBench
     from edmctl.simulator.endpoints import Endpoint
     from edmctl.simulator.injection import Injection
-    from edmctl.simulator.serve import Traffic
 
 FASTEST = "max"
 LEAST_SPEED, MOST_SPEED = 0.05, 1000.0
 REPAIR_SIGNAL = "SIGUSR1"
 """Mends what --fault broke, as the workshop would."""
 
-LinkOption = Annotated[
-    Path | None, typer.Option("--link", metavar="PATH", help="Name under which clients open the pty.")
-]
+LinkOption = Annotated[Path | None, option("--link PATH", "Name under which clients open the pty.")]
 SocketOption = Annotated[
-    str | None,
-    typer.Option("--socket", metavar="HOST:PORT", help="Serve on a socket instead; port 0 takes any."),
+    str | None, option("--socket HOST:PORT", "Serve on a socket instead; port 0 takes any.")
 ]
 RemoteOption = Annotated[
-    bool,
-    typer.Option("--allow-remote", help="Let other computers reach the socket; only with a secret file."),
+    bool, option("--allow-remote", "Let other computers reach the socket; only with a secret file.")
 ]
 SecretOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--secret-file", metavar="FILE", help="Take only clients of the socket that know what is in it."
-    ),
+    Path | None, option("--secret-file FILE", "Take only clients of the socket that know what is in it.")
 ]
 SpeedOption = Annotated[
-    str,
-    typer.Option(
-        "--speed", metavar="N|max", help="Controller seconds per second; max: time waits for the host."
-    ),
+    str, option("--speed N|max", "Controller seconds per second; max: time waits for the host.")
 ]
 BaudOption = Annotated[
     int | None,
-    typer.Option(
-        "--baud",
-        metavar="N",
+    option(
+        "--baud N",
+        "What the imitated UART carries; 0 for USB, without a limit. Default: 500000, of stm32 always "
+        "921600.",
         min=0,
-        help="What the imitated UART carries; 0 for USB, without a limit. Default: 500000, of stm32 always 921600.",
         show_default=False,
     ),
 ]
 BenchOption = Annotated[
-    Path | None,
-    typer.Option("--bench", metavar="FILE", help="Keep work, tool and actuator in this file between runs."),
+    Path | None, option("--bench FILE", "Keep work, tool and actuator in this file between runs.")
 ]
 FaultOption = Annotated[
-    list[str] | None,
-    typer.Option("--fault", metavar="NAME[@WHEN]", help="Inject a fault, e.g. ESTOP@sparks+2. Repeatable."),
+    list[str] | None, option("--fault NAME[@WHEN]", "Inject a fault, e.g. ESTOP@sparks+2. Repeatable.")
 ]
 ForOption = Annotated[
-    float | None,
-    typer.Option("--for", metavar="SECONDS", min=0.0, help="End after this much of the controller's time."),
+    float | None, option("--for SECONDS", "End after this much of the controller's time.", min=0.0)
 ]
-
-
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """A socket to serve on, and the secret for its clients; empty for none."""
-
-    host: str
-    port: int
-    secret: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class _Request:
-    """What to serve where, checked; without a `place` on a pty."""
+    """What to serve where, checked; `open_endpoint` takes what reports problems of clients."""
 
     config: "BenchConfig"
     seed: int
@@ -104,8 +79,7 @@ class _Request:
     injections: tuple["Injection", ...]
     bench_file: Path | None
     seconds: float | None
-    link: Path | None
-    place: _Place | None
+    open_endpoint: "Callable[[Callable[[str], None]], Endpoint]"
 
 
 @command("simulate serve", NOTES)
@@ -136,10 +110,8 @@ def serve(
     from edmctl.profile.setup import load_setup
 
     outcome.simulated = True
-    if link is not None and socket is not None:
-        raise failures.link_and_socket()
     injections, factor = _injections(fault), _speed(speed)
-    place = _place(socket, secret_file, allow_remote=allow_remote)
+    open_endpoint = _endpoint(link, socket, secret_file, allow_remote=allow_remote)
     if seconds is not None and not math.isfinite(seconds):
         raise failures.serving_time_impossible(seconds=seconds)
     settings = load_setup(setup)
@@ -154,7 +126,7 @@ def serve(
     used_seed = seed_to_use(seed)
     # A kept bench is the machine that it is, whatever seed would make another.
     outcome.seed = used_seed if seed is not None or bench is None or not bench.exists() else None
-    _serve(outcome, _Request(config, used_seed, factor, rate, injections, bench, seconds, link, place))
+    _serve(outcome, _Request(config, used_seed, factor, rate, injections, bench, seconds, open_endpoint))
 
 
 def _serve(outcome: Outcome, request: _Request) -> None:
@@ -176,7 +148,7 @@ def _serve(outcome: Outcome, request: _Request) -> None:
         controller.baud = request.baud
         serial = _serial(bench)
         end_tick = math.inf if request.seconds is None else controller.tick + round(1000.0 * request.seconds)
-        endpoint = _endpoint(request, say)
+        endpoint = request.open_endpoint(say)
         try:
             news = EventMonitor(bench, say, keep)
             with (
@@ -210,18 +182,15 @@ def _serve(outcome: Outcome, request: _Request) -> None:
             "injected": [str(injection) for injection, _ in controller.injector.applied],
             **asdict(server.traffic),
         }
-        outcome.text = _closing(serial, server.traffic, news.faults)
+        traffic, faults = server.traffic, ", ".join(map(str, news.faults)) or "none"
+        late = f"; its clock was set back by {traffic.paused_s:.1f} s in all" if traffic.paused_s else ""
+        outcome.text = (
+            f"Served {serial}: {traffic.frames_in} frames in, {traffic.frames_out} out, "
+            f"{traffic.dropped_frames} dropped; faults: {faults}{late}."
+        )
     if bench.line.unplugged:
         say("the line is unplugged; nothing more to serve")
     stop.check()
-
-
-def _endpoint(request: _Request, say: Callable[[str], None]) -> "Endpoint":
-    from edmctl.simulator.endpoints import PtyEndpoint, SocketEndpoint
-
-    if (place := request.place) is not None:
-        return SocketEndpoint(place.host, place.port, say, place.secret)
-    return PtyEndpoint(request.link)
 
 
 def _serial(bench: "VirtualBench") -> str:
@@ -235,27 +204,15 @@ def _serial(bench: "VirtualBench") -> str:
     return str(Session(MemoryTransport(bench.controller)).introduction().fields["serial"])
 
 
-def _closing(serial: str, traffic: "Traffic", codes: Sequence[int]) -> str:
-    counts = Counter(codes)
-    faults = ", ".join(f"{code}{f' ({n} times)' if n > 1 else ''}" for code, n in counts.items()) or "none"
-    late = f"; its clock was set back by {traffic.paused_s:.1f} s in all" if traffic.paused_s else ""
-    return (
-        f"Served {serial}: {traffic.frames_in} frames in, {traffic.frames_out} out, "
-        f"{traffic.dropped_frames} dropped; faults: {faults}{late}."
-    )
-
-
 def _baud(asked: int | None, controller: str) -> int:
     """Return the baud rate. An image has one rate."""
     from edmctl.link.opening import BOARD_BAUD, DEFAULT_BAUD
     from edmctl.simulator.config import STM32
 
-    only = BOARD_BAUD if controller == STM32 else None
-    if asked is None:
-        return only or DEFAULT_BAUD
-    if only is not None and asked != only:
-        raise failures.baud_fixed_by_image(asked=asked, controller=controller, only=only)
-    return asked
+    if controller == STM32 and asked not in (None, BOARD_BAUD):
+        raise failures.baud_fixed_by_image(asked=asked, controller=controller, only=BOARD_BAUD)
+    usual = BOARD_BAUD if controller == STM32 else DEFAULT_BAUD
+    return usual if asked is None else asked
 
 
 def _speed(text: str) -> float | None:
@@ -272,24 +229,28 @@ def _speed(text: str) -> float | None:
     return factor
 
 
-def _place(text: str | None, secret_file: Path | None, *, allow_remote: bool) -> _Place | None:
-    """Return the socket to serve and its secret; None without one."""
+def _endpoint(
+    link: Path | None, socket: str | None, secret_file: Path | None, *, allow_remote: bool
+) -> "Callable[[Callable[[str], None]], Endpoint]":
+    """Return what opens the socket, else a pty."""
     from edmctl.jobs.connect import read_secret
-    from edmctl.simulator.endpoints import address_of, is_loopback
+    from edmctl.simulator.endpoints import PtyEndpoint, SocketEndpoint, address_of, is_loopback
 
-    if text is None:
+    if socket is None:
         if allow_remote or secret_file is not None:
             raise failures.remote_options_without_socket()
-        return None
-    host, _, port = text.rpartition(":")
+        return lambda _: PtyEndpoint(link)
+    if link is not None:
+        raise failures.link_and_socket()
+    host, _, port = socket.rpartition(":")
     if not port.isascii() or not port.isdigit() or int(port) > 65535:
-        raise failures.socket_unreadable(text=text)
+        raise failures.socket_unreadable(text=socket)
     secret = b"" if secret_file is None else read_secret(secret_file)
     # What is checked is what is served on, whatever the name stands for later.
     address = address_of(host.strip("[]") or "127.0.0.1")
     if not is_loopback(address) and not (allow_remote and secret):
-        raise failures.socket_open_to_others(text=text)
-    return _Place(address, int(port), secret)
+        raise failures.socket_open_to_others(text=socket)
+    return lambda say: SocketEndpoint(address, int(port), say, secret)
 
 
 def _injections(texts: list[str] | None) -> tuple["Injection", ...]:
