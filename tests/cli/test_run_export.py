@@ -66,8 +66,8 @@ def test_pulses_have_their_times_and_plain_units(here: Here, run: Path) -> None:
 
 def test_results_of_a_simulated_run_have_its_truth(here: Here, run_file: Path) -> None:
     columns = columns_of(here("run", "export", str(run_file), "-t", "results").out)
-    with open_run(run_file) as opened:
-        (site,) = (opened.summary() or {})["sites"]
+    document = here("run", "show", str(run_file), "--json").document
+    (site,) = document["result"]["summary"]["sites"]
     for name in ("depth_um", "wear_um"):
         assert [float(cell) for cell in columns[f"truth_{name}"]] == pytest.approx(
             [site["truth"][name]], abs=1e-3

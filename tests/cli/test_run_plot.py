@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import UsageError
-from edmctl.jobs.runs.plot import plot_request
+from edmctl.jobs.runs.plot import Target, plot_request
 from edmctl.record.locks import hold, release
 from edmctl.record.opening import SEAL_BYTES
 from edmctl.report.kinds import KINDS, NAMES, Kind, kind_called
@@ -78,9 +78,12 @@ def test_every_kind_but_the_report_is_drawn_without_being_asked_for(
     here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[str] = []
-    monkeypatch.setattr(
-        "edmctl.cli.commands.run._content", lambda _, target: asked.append(target.name) or b"a figure"
-    )
+
+    def content(_: object, target: Target) -> bytes:
+        asked.append(target.name)
+        return b"a figure"
+
+    monkeypatch.setattr("edmctl.cli.commands.run._content", content)
     assert here("run", "plot", str(run)).exit_code == 0
     assert asked == [kind.name for kind in KINDS] == list(NAMES[:-1])
 
