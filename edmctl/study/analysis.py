@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.quantity import half_width
 from edmctl.study.design import (
     AS_LEVELS,
-    SENSITIVITY,
     settings_key,
     settings_matrix,
     terms_of,
@@ -33,15 +32,21 @@ from edmctl.study.results import (
     Value,
 )
 from edmctl.study.statistics.linear_model import BLOCK
-from edmctl.wording import plural
+from edmctl.wording import plain_number, plural
 
 if TYPE_CHECKING:
-    from edmctl.study.statistics.choice import SobolIndices
-    from edmctl.study.statistics.response_analysis import ResponseAnalysis, ResponseModel, Runs
+    from numpy.typing import ArrayLike
 
+    from edmctl.study.statistics.response_analysis import (
+        ResponseAnalysis,
+        ResponseModel,
+        Runs,
+    )
 
 LEAST_RUNS = 5
 """Fewer runs with a response make no model."""
+DISTINGUISHING = 0.5
+"""Distinguishing coefficient of grey relational grades."""
 
 
 def has_suggestions(state: StudyState) -> bool:
@@ -72,37 +77,37 @@ def expected_at(
     """Return, by response, what is expected of a run and the bounds of its 95 % interval; none without a model.
 
     After suggestions, which crowd where it is good, by Gaussian processes; else by the runs that were made at these
-    settings, or the models of the analysis. What cannot be is cut off: a share below zero, or what a manual response
-    cannot have. `runs` are those that processes are fitted to; by default all that count.
+    settings, or the models of the analysis. Bounds are limited to possible values of the response. `runs` are those
+    that processes are fitted to; by default all that count.
     """
-    found: dict[str, Interval] = {}
+    expected: dict[str, Interval | None]
     if has_suggestions(state):
-        found = _by_processes(state.plan, settings, fitting_runs(state) if runs is None else runs)
+        expected = _by_processes(state.plan, settings, fitting_runs(state) if runs is None else runs)
     else:
         done = [run for run in fitting_runs(state) if run.state is RunState.DONE]
-        for one in analyses:
-            if expected := _by_analysis(state.plan, one, done, settings):
-                found[one.name] = expected
-    asked = {one.name: one for one in state.folder.source.file.responses}
-    for name, values in found.items():
+        expected = {one.name: _by_analysis(state.plan, one, done, settings) for one in analyses}
+    given = {one.name: one for one in state.folder.source.file.responses}
+    found = {}
+    for name, interval in expected.items():
         least, most = range_of(name)
-        least = least if (low := asked[name].low) is None else low
-        most = most if (high := asked[name].high) is None else high
-        found[name] = tuple(min(max(one, least), most) for one in values)  # type: ignore[assignment]
-    return found
+        low, high = given[name].low, given[name].high
+        low, high = least if low is None else low, most if high is None else high
+        if interval is not None:
+            found[name] = tuple(min(max(value, low), high) for value in interval)
+    return found  # type: ignore[return-value]
 
 
 def _by_analysis(
     plan: StudyPlan, analysis: ResponseAnalysis, runs: Sequence[StudyRun], settings: Mapping[str, Value]
 ) -> Interval | None:
-    """What runs at these settings say, where they were repeated; else the model, if it knows their levels."""
-    key, points = settings_key(settings), len({run.planned.point for run in runs})
-    own = [
+    """Return what repeated runs at these settings show; else the model, if it knows their levels."""
+    key = settings_key(settings)
+    at_settings = [
         analysis.without_block(value, run.block)
         for run in runs
         if settings_key(run.planned.settings) == key and (value := run.value(analysis.name)) is not None
     ]
-    by_runs = analysis.at_point(own, points)
+    by_runs = analysis.at_point(at_settings, len({run.planned.point for run in runs}))
     return by_runs or (predicted(plan, analysis.model, settings) if analysis.model is not None else None)
 
 
@@ -114,17 +119,17 @@ def predicted(plan: StudyPlan, model: ResponseModel, settings: Mapping[str, Valu
     matrix = settings_matrix(plan.factors, [settings], as_levels=plan.model in AS_LEVELS)
     if any(name not in model.names[factor] for factor, of in matrix.categories.items() for name in of):
         return None
-    value, low, high = (float(one[0]) for one in model.predict(matrix))
+    value, low, high = (float(bound[0]) for bound in model.predict(matrix))
     return value, low, high
 
 
 def _by_processes(
     plan: StudyPlan, settings: Mapping[str, Value], runs: Sequence[StudyRun]
-) -> dict[str, Interval]:
+) -> dict[str, Interval | None]:
     """Return, by response, what a Gaussian process expects of a run on a new machine, and the 95 % interval."""
     from edmctl.study.statistics.surrogates import fit_process
 
-    found: dict[str, Interval] = {}
+    found: dict[str, Interval | None] = {}
     for response in plan.responses:
         having = [run for run in runs if run.value(response.name) is not None]
         values = values_of(having, response.name)
@@ -133,23 +138,13 @@ def _by_processes(
         is_log = response.is_log and min(values) > 0
         process = fit_process(
             unit_points(plan.factors, [run.planned.settings for run in having]),
-            [math.log(value) for value in values] if is_log else values,
+            list(map(math.log, values)) if is_log else values,
             blocks=[run.block for run in having],
         )
-        mean, sd = (float(one[0]) for one in process.predict(unit_points(plan.factors, [settings])))
-        half = half_width(math.sqrt(sd**2 + process.noise_sd**2 + process.block_sd**2))
-        bounds = (mean, mean - half, mean + half)
+        mean, sd = (float(of[0]) for of in process.predict(unit_points(plan.factors, [settings])))
+        half = half_width(math.hypot(sd, process.noise_sd, process.block_sd))
+        bounds = mean, mean - half, mean + half
         found[response.name] = tuple(map(math.exp, bounds)) if is_log else bounds  # type: ignore[assignment]
-    return found
-
-
-def wide_intervals(state: StudyState, expected: Mapping[str, Interval]) -> list[str]:
-    """Return the responses whose interval is wider than all that was measured of them."""
-    found = []
-    for name, (_, low, high) in expected.items():
-        values = values_of(fitting_runs(state), name)
-        if values and high - low > max(values) - min(values):
-            found.append(name)
     return found
 
 
@@ -167,7 +162,6 @@ class StudyAnalysis:
     added: tuple[StudyRun, ...]
     responses: tuple[ResponseAnalysis, ...]
     truths: dict[str, ResponseAnalysis]
-    indices: dict[str, SobolIndices]
     choices: tuple[Choice, ...]
     notes: tuple[str, ...]
 
@@ -181,25 +175,17 @@ def analysis_of(state: StudyState) -> StudyAnalysis:
     designed = tuple(run for run in done if plan.is_of_design(run.planned))
     others = (run for run in done if not plan.is_of_design(run.planned))
     added = tuple(run for run in others if run.planned.kind is not RunKind.CONFIRMATION)
-    runs = doe_runs(plan, designed)
-    analyses, truths, indices = [], {}, {}
+    table = doe_runs(plan, designed)
+    analyses, truths = [], {}
     for response in plan.responses:
-        analyses.append(_analysis(plan, response.name, response, designed, runs))
-        has_truth = response.name in TRUTHS and not response.is_manual  # a manual one may be something else
+        name = response.name
+        analyses.append(_analysis(plan, name, response, designed, table))
+        has_truth = name in TRUTHS and not response.is_manual  # a manual one may be something else
         if has_truth and any(run.row and run.row.truth for run in designed):
-            truths[response.name] = _analysis(plan, f"{TRUTH}{response.name}", response, designed, runs)
-        if plan.model == SENSITIVITY and (found := _indices(plan, response, designed)) is not None:
-            indices[response.name] = found
-    return StudyAnalysis(
-        plan,
-        designed,
-        added,
-        tuple(analyses),
-        truths,
-        indices,
-        _choices(state, (*designed, *added), analyses),
-        _notes(state, designed, added),
-    )
+            truths[name] = _analysis(plan, f"{TRUTH}{name}", response, designed, table)
+    choices = _choices(state, (*designed, *added), analyses)
+    notes = _notes(state, designed, added)
+    return StudyAnalysis(plan, designed, added, tuple(analyses), truths, choices, notes)
 
 
 def doe_runs(plan: StudyPlan, runs: Sequence[StudyRun]) -> Runs:
@@ -234,82 +220,89 @@ def _analysis(
 ) -> ResponseAnalysis:
     from edmctl.study.statistics.response_analysis import analyse
 
-    model = "main" if plan.model == SENSITIVITY else plan.model
     return analyse(
         name,
         runs,
-        [_number(run.value(name)) for run in designed],
-        terms_of(model, plan.factors, blocks=BLOCK in runs.settings.categories),
+        [plain_number(run.value(name)) for run in designed],
+        terms_of(plan.model, plan.factors, blocks=BLOCK in runs.settings.categories),
         response.better,  # type: ignore[arg-type]
         is_log=response.is_log,
-        u=[_number(run.row.u.get(name) if run.row is not None else None) for run in designed],
+        u=[plain_number(run.row.u.get(name) if run.row is not None else None) for run in designed],
     )
 
 
-def _indices(plan: StudyPlan, response: ResponseInfo, runs: Sequence[StudyRun]) -> SobolIndices | None:
-    """Sobol indices over the points in their order, means over replicates; None if there are too few."""
-    from edmctl.study.statistics.choice import sobol_indices
+def pareto_front(costs: ArrayLike) -> Any:
+    """Return which rows of (points, costs) no other dominates; a point that lacks a cost is not among them."""
+    import numpy as np
 
-    values: dict[int, list[float]] = {run.point: [] for run in plan.runs if run.kind is RunKind.DESIGN}
-    for run in runs:
-        if run.planned.kind is RunKind.DESIGN:
-            values[run.planned.point].append(_number(run.value(response.name)))
-    try:
-        return sobol_indices([_mean(values[point]) for point in sorted(values)], len(plan.factors))
-    except ValueError:
-        return None
+    values = np.asarray(costs, float)
+    as_good = (values[None, :, :] <= values[:, None, :]).all(axis=2)
+    better_once = (values[None, :, :] < values[:, None, :]).any(axis=2)
+    dominated = np.any(as_good & better_once, axis=1)
+    return np.isfinite(values).all(axis=1) & ~dominated
+
+
+def grey_relational_grade(costs: ArrayLike, weights: Sequence[float]) -> Any:
+    """Return the grade of each point, 0 … 1 (Deng, J. Grey Syst. 1, 1989; normalised over these points)."""
+    import numpy as np
+
+    values = np.asarray(costs, float)
+    spread = np.ptp(values, axis=0)
+    missed = (values - values.min(axis=0)) / np.where(spread > 0, spread, 1.0)
+    return DISTINGUISHING / (missed + DISTINGUISHING) @ (np.asarray(weights) / np.sum(weights))
 
 
 def _choices(
     state: StudyState, runs: Sequence[StudyRun], analyses: Sequence[ResponseAnalysis]
 ) -> tuple[Choice, ...]:
-    """Every point with its means, whether another point dominates it, and two rankings, which are preferences.
+    """Return every point with its means, whether another point dominates it, and its grade, which is a preference.
 
     Values are corrected by the effect of their block, if the design estimates it. A machine that the design did not
     use has no known effect: its values count as measured.
     """
     import numpy as np
 
-    from edmctl.study.statistics.choice import grey_relational_grade, pareto_front, topsis_closeness
-
     plan, broken = state.plan, broken_limits(state)
-    by_point: dict[int, list[StudyRun]] = {}
+    points: dict[int, list[StudyRun]] = {}
     for run in runs:
-        by_point.setdefault(run.planned.point, []).append(run)
+        points.setdefault(run.planned.point, []).append(run)
     ranked = [info for name in ranked_by(plan) if (info := plan.response(name)) is not None]
-    weights = dict(plan.objectives)
-    means, upper, feasible = [], [], []
-    for members in by_point.values():
+    means, limits, costs = [], [], []
+    for members in points.values():
         of_point = {
-            one.name: _mean([one.without_block(_number(run.value(one.name)), run.block) for run in members])
+            one.name: _mean(
+                [one.without_block(plain_number(run.value(one.name)), run.block) for run in members]
+            )
             for one in analyses
         }
-        bounds = limits_of(plan, members, of_point, analyses)
-        is_broken = bool(broken.get(settings_key(members[0].planned.settings)))
         means.append(of_point)
-        upper.append({str(one.constraint): one.upper for one in bounds})
-        feasible.append(all(one.is_shown for one in bounds) and not is_broken)
-    table = np.array([[cost_of(info, of_point[info.name]) for info in ranked] for of_point in means])
+        limits.append(limits_of(plan, members, of_point, analyses))
+        costs.append([cost_of(info, of_point[info.name]) for info in ranked])
+    feasible = [
+        all(limit.is_shown for limit in of) and settings_key(members[0].planned.settings) not in broken
+        for of, members in zip(limits, points.values(), strict=True)
+    ]
+    table = np.array(costs, float)
     front = pareto_front(np.where(np.array(feasible)[:, None], table, np.nan))
-    whole = np.isfinite(table).all(axis=1)
-    grades, closeness = np.full(len(table), np.nan), np.full(len(table), np.nan)
-    if whole.sum() > 1:
-        shares = [weights.get(info.name, 1.0) for info in ranked]
-        grades[whole] = grey_relational_grade(table[whole], shares)
-        closeness[whole] = topsis_closeness(table[whole], shares)
+    is_whole = np.isfinite(table).all(axis=1)
+    grades = np.full(len(table), np.nan)
+    if is_whole.sum() > 1:
+        weights = dict(plan.objectives)
+        grades[is_whole] = grey_relational_grade(
+            table[is_whole], [weights.get(info.name, 1.0) for info in ranked]
+        )
     return tuple(
         Choice(
             point=point,
             settings=members[0].planned.settings,
             runs=len(members),
             means={name: _or_none(value) for name, value in means[n].items()},
-            upper=upper[n],
+            upper={str(limit.constraint): limit.upper for limit in limits[n]},
             is_feasible=feasible[n],
             is_pareto=bool(front[n]),
             grey_grade=_or_none(float(grades[n])),
-            topsis_closeness=_or_none(float(closeness[n])),
         )
-        for n, (point, members) in enumerate(by_point.items())
+        for n, (point, members) in enumerate(points.items())
     )
 
 
@@ -351,17 +344,16 @@ def limits_of(
         if means is None and not values:
             continue
         mean = _mean(values) if means is None else means[bound.response]
-        own = _number(having[0].row.u95.get(bound.response) if having and having[0].row else None)
+        half = plain_number(having[0].u95(bound.response)) if having else math.nan
         model = models.get(bound.response)
-        half = own
         if len(values) > 1:
-            root = math.sqrt(len(values))
-            half = float(special.stdtrit(len(values) - 1, 0.95)) * statistics.stdev(values) / root
-            half = max(half, own / root if math.isfinite(own) else 0.0)
-        elif not math.isfinite(own) and model is not None and values:
-            there = predicted(plan, model, runs[0].planned.settings)
-            expected, low, high = there or (math.nan, math.nan, math.nan)
-            half = high - expected if bound.sign > 0 else expected - low
+            student = float(special.stdtrit(len(values) - 1, 0.95)) * statistics.stdev(values)
+            half = max(student, half if math.isfinite(half) else 0.0) / math.sqrt(len(values))
+        elif values and model is not None and not math.isfinite(half):
+            interval = predicted(plan, model, runs[0].planned.settings)
+            if interval is not None:
+                expected, low, high = interval
+                half = high - expected if bound.sign > 0 else expected - low
         found.append(ConfirmedLimit(bound, mean, _or_none(mean + bound.sign * half)))
     return tuple(found)
 
@@ -378,22 +370,19 @@ def confirmed_settings(state: StudyState) -> dict[str, list[StudyRun]]:
 def broken_limits(state: StudyState) -> dict[str, tuple[str, ...]]:
     """Return, by settings, the constraints that the mean of confirmation runs did not keep; no others."""
     found = {
-        key: tuple(str(one.constraint) for one in limits_of(state.plan, runs) if not one.is_kept)
+        key: tuple(str(limit.constraint) for limit in limits_of(state.plan, runs) if not limit.is_kept)
         for key, runs in confirmed_settings(state).items()
     }
     return {key: texts for key, texts in found.items() if texts}
 
 
 def _notes(state: StudyState, designed: Sequence[StudyRun], added: Sequence[StudyRun]) -> tuple[str, ...]:
-    """What a reader has to know before the tables."""
+    """Return the notes to be read before the tables."""
     plan, notes = state.plan, []
-    left = [run for run in state.runs if run.state is RunState.OPEN]
-    failed = [run for run in state.runs if run.state is RunState.FAILED]
-    if left:
-        notes.append(f"{len(left)} of {len(state.runs)} runs are not made yet; tables are of those that are")
-    if failed:
-        numbers = ", ".join(str(run.planned.number) for run in failed[:10])
-        notes.append(f"runs that failed are left out until somebody judges them: {numbers}")
+    if count := sum(run.state is RunState.OPEN for run in state.runs):
+        notes.append(f"{count} of {len(state.runs)} runs are not made yet; tables are of those that are")
+    if failed := [run for run in state.runs if run.state is RunState.FAILED]:
+        notes.append(f"runs that failed are left out until somebody judges them: {number_ranges(failed)}")
     if extended := [run for run in designed if run.planned.number > len(plan.runs)]:
         notes.append(
             f"runs {number_ranges(extended)} are replicates or fold-overs of the design that were added later, in "
@@ -424,14 +413,10 @@ def number_ranges(runs: Sequence[StudyRun]) -> str:
     return ", ".join("–".join(map(str, part)) for part in parts)
 
 
-def _number(value: float | None) -> float:
-    return math.nan if value is None else float(value)
-
-
 def _or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
 def _mean(values: Sequence[float]) -> float:
-    found = [value for value in values if math.isfinite(value)]
-    return math.fsum(found) / len(found) if found else math.nan
+    known = [value for value in values if math.isfinite(value)]
+    return math.fsum(known) / len(known) if known else math.nan

@@ -50,7 +50,7 @@ MOST_RUNS = 20_000
 MOST_ALIASES = 40
 DEALT = 500
 """Ways to assign points to blocks that are tried."""
-LEVELS, PAIRS, QUADRATIC, SENSITIVITY = "levels", "level pairs", "quadratic", "sensitivity"
+LEVELS, PAIRS, QUADRATIC = "levels", "level pairs", "quadratic"
 AS_LEVELS = (LEVELS, PAIRS)
 """Models in which numbers are levels without order."""
 
@@ -264,7 +264,6 @@ _REMEDIES = {
     "taguchi": ("give other levels, or another array", "array"),
     "bbd": ("vary other factors, or take ccd", "kind"),
     "ccd": ("vary two factors or more, or take lhs", "alpha"),
-    "sensitivity": ("take a power of two", "base"),
 }
 """The hint on a design that is impossible, and keys of [design]: the error is at the first that is given."""
 
@@ -431,14 +430,6 @@ def _coded_points(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
         rows = central_composite(count, design.alpha)
         named = {"face": "face-centred", "rotatable": "rotatable"}
         name = f"central composite, {named.get(str(design.alpha), f'alpha {design.alpha}')}"
-    elif design.kind == "sensitivity":
-        from edmctl.study.statistics.choice import sensitivity_points
-
-        if design.base is None:
-            raise source.wrong("base is missing", "add base = 64 to [design]", "design", "kind")
-        _refuse_many(source, design.base * (count + 2))
-        name = f"Sobol indices, {design.base} base samples"
-        rows = 2 * sensitivity_points(count, design.base, design.seed) - 1
     elif design.runs is None:
         raise source.wrong("runs is missing", "add runs = 20 to [design]", "design", "kind")
     elif design.kind == "lhs":

@@ -31,7 +31,7 @@ from edmctl.profile.folders import find_profile
 from edmctl.profile.read import parse, read_chain, read_source
 from edmctl.record.json_rows import RowWriter, read_lines
 from edmctl.record.locks import exclusive
-from edmctl.study.design import SENSITIVITY, factors_of, is_within
+from edmctl.study.design import factors_of, is_within
 from edmctl.study.planning import LADDERS, PlannedStudy, base_request, stated_in
 from edmctl.study.responses import LARGEST
 from edmctl.study.results import (
@@ -475,8 +475,7 @@ def _folder_of(path: Path, body: bytes) -> StudyFolder:
     factors = factors_of(source)
     points = {run.point for run in plan.runs}
     need(replace(plan, **stated_in(source, factors)) == plan)
-    need(plan.model in (SENSITIVITY, *LADDERS[0], *LADDERS[1]))
-    need((plan.model == SENSITIVITY) == (source.file.design.kind == SENSITIVITY))
+    need(plan.model in (*LADDERS[0], *LADDERS[1]))
     need(plan.points == len(points) > 0 and study.recipes.keys() == points)
     for number, run in enumerate(plan.runs, 1):
         need(run.number == number and is_run_of(run, factors) and run.replicate <= plan.replicates)

@@ -20,7 +20,6 @@ from edmctl.study.design import (
     AS_LEVELS,
     LEVELS,
     PAIRS,
-    SENSITIVITY,
     Points,
     center_of,
     degrees_of_freedom,
@@ -60,7 +59,6 @@ OWN_KEYS = {
     "ccd": ("alpha",),
     "lhs": ("runs",),
     "sobol": ("runs",),
-    "sensitivity": ("base",),
     "csv": ("file",),
 }
 """Keys of [design] that belong to one kind of it."""
@@ -216,8 +214,6 @@ class _Draft:
         of_center = len(settings) - 1
         numbers: dict[str, int] = {}
         point_of = [numbers.setdefault(settings_key(one), len(numbers) + 1) for one in settings]
-        if design.kind == SENSITIVITY:  # a sample whose order counts
-            point_of = list(range(1, len(settings) + 1))
         is_machine_a_run = machine is None and design.seeds == "run"
         ends = [of_center] if machine is not None and machine.center_runs else []
         runs: list[PlannedRun] = []
@@ -225,7 +221,7 @@ class _Draft:
             members = [n for n, block_of in enumerate(self.points.blocks) if block_of == block]
             centers = design.center_points // design.blocks + (block < design.center_points % design.blocks)
             members += [of_center] * centers
-            if machine is None and not is_machine_a_run and design.kind != SENSITIVITY:
+            if machine is None and not is_machine_a_run:
                 # A virtual machine makes the same run twice alike: the second has no information.
                 members = list({point_of[n]: n for n in reversed(members)}.values())[::-1]
             tools = 1
@@ -373,7 +369,7 @@ class _Draft:
         """Raise ProfileError if the effect of a factor cannot be separated from that of the blocks."""
         runs = [run for run in self.runs if run.kind is RunKind.DESIGN]
         blocks = [run.block for run in runs]
-        if len(set(blocks)) < 2 or self.design.kind == SENSITIVITY:
+        if len(set(blocks)) < 2:
             return
         terms = terms_of(LEVELS, self.factors, blocks=True)
         settings = [run.settings for run in runs]
@@ -417,8 +413,6 @@ class _Draft:
 
     def _model(self) -> tuple[str, dict[str, int], list[str]]:
         """Return the model that the runs determine, its degrees of freedom, and notes on it."""
-        if self.design.kind == SENSITIVITY:
-            return SENSITIVITY, {"error": 0}, []
         first = model_of(self.source, self.factors, self.points)
         is_stated = self.file.analysis.model != "auto"
         ladder = next((one for one in LADDERS if first in one), (first,))
@@ -464,7 +458,7 @@ class _Draft:
         again = "each virtual machine makes them once" if shares_machines else "the others are replicates"
         notes = (
             (
-                distinct < points and design.kind != SENSITIVITY,
+                distinct < points,
                 f"{points} points have {distinct} different settings: {again}",
             ),
             (

@@ -284,7 +284,6 @@ class Choice:
     is_feasible: bool
     is_pareto: bool
     grey_grade: float | None
-    topsis_closeness: float | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from edmctl.profile.tables import ONE_LINE, FileName, Table
 
 NAME = r"^[A-Za-z_][A-Za-z0-9_.-]*$"
 """Names of responses: they head columns."""
-DesignKind = Literal["full", "fractional", "taguchi", "bbd", "ccd", "lhs", "sobol", "sensitivity", "csv"]
+DesignKind = Literal["full", "fractional", "taguchi", "bbd", "ccd", "lhs", "sobol", "csv"]
 AnalysisModel = Literal["auto", "levels", "main", "interactions", "quadratic"]
 Value = bool | int | float | str
 
@@ -58,7 +58,6 @@ class Design(Table):
     generators: list[str] = Field([], description="of a fractional factorial, e.g. D = ABC")
     alpha: float | Literal["face", "rotatable"] = Field("face", description="axial points of a ccd")
     runs: int | None = Field(None, ge=2, le=10_000, description="points of lhs and sobol")
-    base: int | None = Field(None, ge=2, le=65_536, description="base samples of sensitivity, a power of two")
     file: FileName | None = Field(None, description="table with a column a factor key, beside this file")
     replicates: int = Field(1, ge=1, le=1000, description="times that every point is run")
     center_points: int = Field(0, ge=0, le=1000, description="runs in the middle of all factors, a replicate")

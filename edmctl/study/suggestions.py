@@ -1,4 +1,4 @@
-"""Runs beyond the design: suggestions, confirmation runs, replicates, and what is recommended.
+"""Runs beyond the design: suggestions, confirmation runs, replicates, and the recommendation.
 
 All of it follows from the study file and the rows: the same rows give the same suggestion, in any process.
 """
@@ -28,7 +28,6 @@ from edmctl.study.analysis import (
     limits_of,
     ranked_by,
     values_of,
-    wide_intervals,
 )
 from edmctl.study.design import coded, settings_key, unit_points, value_at
 from edmctl.study.folder import StudyState
@@ -54,13 +53,15 @@ from edmctl.wording import plural
 if TYPE_CHECKING:
     from edmctl.study.statistics.surrogates import Surrogates
 
-MOST_NAMED = 5
 FRESH_SEEDS = 1_000_003
 """From the seeds of the design to those of confirmation runs: beyond any number of runs."""
 CANDIDATES = 1024
 AROUND, BEST, NEAR = 64, 4, 0.15
 """Candidates about each of the runs with the best objectives, within this share of half a factor's range."""
 MOST_REFUSED = 200
+
+Constraint = tuple[list[float], float]
+"""Values of a constrained response and the limit that they shall not exceed."""
 
 
 def confirmations_of(state: StudyState) -> list[Confirmation]:
@@ -69,23 +70,20 @@ def confirmations_of(state: StudyState) -> list[Confirmation]:
     Limits are of all runs at the settings.
     """
     found = []
-    for there in confirmed_settings(state).values():
-        limits = limits_of(state.plan, there)
-        groups: list[tuple[Mapping[str, Interval], list[StudyRun]]] = []
-        for run in there:
-            expected = state.rows.expected.get(run.planned.number, {})
-            members = next((runs for other, runs in groups if other == expected), None)
-            if members is None:
-                groups.append((expected, members := []))
-            members.append(run)
-        for expected, members in groups:
-            responses = [
-                ConfirmedResponse(one.name, *expected.get(one.name, (math.nan,) * 3), tuple(measured))
-                for one in state.plan.responses
-                if (measured := values_of(members, one.name))
-            ]
-            numbers = tuple(run.planned.number for run in members)
-            found.append(Confirmation(there[0].planned.settings, numbers, tuple(responses), limits))
+    for at_settings in confirmed_settings(state).values():
+        limits = limits_of(state.plan, at_settings)
+        groups: dict[str, list[StudyRun]] = {}
+        for run in at_settings:
+            groups.setdefault(repr(state.rows.expected.get(run.planned.number)), []).append(run)
+        for runs in groups.values():
+            expected = state.rows.expected.get(runs[0].planned.number, {})
+            responses = tuple(
+                ConfirmedResponse(info.name, *expected.get(info.name, (math.nan,) * 3), tuple(measured))
+                for info in state.plan.responses
+                if (measured := values_of(runs, info.name))
+            )
+            numbers = tuple(run.planned.number for run in runs)
+            found.append(Confirmation(runs[0].planned.settings, numbers, responses, limits))
     return found
 
 
@@ -95,8 +93,8 @@ def confirmation_runs(state: StudyState, settings: Mapping[str, Value], runs: in
     Raises PreconditionError E8207 where a machine that lasts has no place for them.
     """
     refuse_without_room(state, runs)
-    made = sum(run.planned.kind is RunKind.CONFIRMATION for run in state.runs)
-    seed = state.folder.source.file.design.seed + FRESH_SEEDS + made
+    before = sum(run.planned.kind is RunKind.CONFIRMATION for run in state.runs)
+    seed = state.folder.source.file.design.seed + FRESH_SEEDS + before
     return _added(state, RunKind.CONFIRMATION, [settings] * runs, seed)
 
 
@@ -106,8 +104,8 @@ def refuse_without_room(state: StudyState, count: int) -> None:
     if machine is None or not state.rows.port:
         return
     taken = sum(map(len, state.rows.attempts.values()))
-    left = sum(run.state is RunState.OPEN for run in state.runs)
-    free = len(grid_of(machine)) - taken - left
+    planned = sum(run.state is RunState.OPEN for run in state.runs)
+    free = len(grid_of(machine)) - taken - planned
     if free < count:
         raise failures.grid_too_small(places=plural(max(0, free), "place"), runs=plural(count, "more run"))
 
@@ -136,25 +134,25 @@ def extension_runs(
     refuse_without_room(state, len(first))
     replicate = max(plan.replicates, *(run.planned.replicate for run in state.runs)) + 1
     runs = _shuffled(first, [file.design.seed, replicate]) if file.design.order == "random" else first
-    points = {settings_key(run.planned.settings): run.planned.point for run in state.runs}
+    points = _points(state)
     last = max(run.planned.number for run in state.runs)
     seeds = _renumbered((run.seed for run in first), _next_seed(state))
     blocks = _renumbered((run.block for run in first), max(run.planned.block for run in state.runs) + 1)
     tools = _renumbered((run.tool for run in first), max(run.tool for run in state.runs) + 1)
-    are_blocks = file.machine is not None and file.machine.holes_per_tool is not None
+    are_tools_blocks = file.machine is not None and file.machine.holes_per_tool is not None
     levels = {
-        one.key: {run.settings[one.key] for run in first if run.kind is RunKind.DESIGN}
-        for one in plan.factors
+        factor.key: {run.settings[factor.key] for run in first if run.kind is RunKind.DESIGN}
+        for factor in plan.factors
     }
     found = []
     for number, run in enumerate(runs, last + 1):
         settings, point = run.settings, run.point
         if is_folded and run.kind is RunKind.DESIGN:
-            settings = {one.key: _other_level(one, run, levels[one.key]) for one in plan.factors}
+            settings = {factor.key: _other_level(factor, run, levels[factor.key]) for factor in plan.factors}
             check(request_of(state.folder.base, settings), surroundings)
             point = points.setdefault(settings_key(settings), max(points.values()) + 1)
-        tool = tools[run.tool] if are_blocks else run.tool
-        block = tool if are_blocks else blocks[run.block]
+        tool = tools[run.tool] if are_tools_blocks else run.tool
+        block = tool if are_tools_blocks else blocks[run.block]
         found.append(PlannedRun(number, run.kind, point, replicate, block, seeds[run.seed], settings, tool))
     return found
 
@@ -181,6 +179,11 @@ def _other_level(factor: FactorInfo, run: PlannedRun, levels: set[Value]) -> Val
     return next(level for level in levels if level != run.settings[factor.key])
 
 
+def _points(state: StudyState) -> dict[str, int]:
+    """Return the number of each point by the key of its settings."""
+    return {settings_key(run.planned.settings): run.planned.point for run in state.runs}
+
+
 def opening_run(state: StudyState, tool: int) -> PlannedRun:
     """Return a new centre run that a tool begins with."""
     center = next(run.planned for run in state.runs if run.planned.kind is RunKind.CENTER)
@@ -191,30 +194,40 @@ def opening_run(state: StudyState, tool: int) -> PlannedRun:
 def _added(
     state: StudyState, kind: RunKind, settings: Sequence[Mapping[str, Value]], first_seed: int
 ) -> list[PlannedRun]:
-    """Number runs on from those that are there: each a block of its own, or of the tool with holes left.
+    """Return runs numbered after those of the study: each a block of its own, or of the tool with holes left.
 
     Where centre runs open and close the holes of a tool, those of suggestions are among them.
     """
     machine = state.folder.source.file.machine
     holes = machine.holes_per_tool if machine is not None else None
-    points = {settings_key(run.planned.settings): run.planned.point for run in state.runs}
+    points = _points(state)
     last = max(run.planned.number for run in state.runs)
     block = max(run.planned.block for run in state.runs)
     tools = [run.tool for run in state.runs]
     found: list[PlannedRun] = []
 
-    def add(kind: RunKind, one: Mapping[str, Value]) -> None:
-        point = points.setdefault(settings_key(one), max(points.values()) + 1)
+    def add(kind: RunKind, settings: Mapping[str, Value]) -> None:
+        point = points.setdefault(settings_key(settings), max(points.values()) + 1)
         tool = max(tools) + (holes is not None and tools.count(max(tools)) >= holes) if machine else 0
         tools.append(tool)
-        own, seed = tool if machine else block + len(found) + 1, first_seed + len(found)
-        found.append(PlannedRun(last + len(found) + 1, kind, point, 1, own, seed, dict(one), tool))
+        n = len(found)
+        found.append(
+            PlannedRun(
+                number=last + n + 1,
+                kind=kind,
+                point=point,
+                replicate=1,
+                block=tool if machine else block + n + 1,
+                seed=first_seed + n,
+                settings=dict(settings),
+                tool=tool,
+            )
+        )
 
+    has_centers = kind is RunKind.SUGGESTED and machine is not None and machine.center_runs
     center = next((run.planned.settings for run in state.runs if run.planned.kind is RunKind.CENTER), None)
-    if kind is not RunKind.SUGGESTED or machine is None or not machine.center_runs:
-        center = None
     for one in settings:
-        if center is not None and holes is not None:
+        if has_centers and center is not None and holes is not None:
             if tools.count(max(tools)) == holes - 1:
                 add(RunKind.CENTER, center)  # the last hole of this tool
             if tools.count(max(tools)) >= holes:
@@ -223,95 +236,95 @@ def _added(
     return found
 
 
-def violation(plan: StudyPlan, choice: Choice) -> float:
+def recommended(state: StudyState, surroundings: Surroundings = NONE) -> Recommendation:
+    """Return the settings that are expected best and keep every constraint by its 95 % bound.
+
+    Without suggestions it is one of the points that were run. Raises what `suggestions` raises, PreconditionError
+    E8206 without runs, E8208 without a point to compare.
+    """
+    plan = state.plan
+    if not has_suggestions(state):
+        return _best_point(state)
+    runs, settings, fitted = _fitted(state)
+    while True:
+        outlook = fitted.outlook(unit_points(plan.factors, settings))
+        chosen = settings[outlook.nearest]
+        if _is_allowed(state, chosen, surroundings) or len(settings) == 1:
+            break
+        settings = [one for one in settings if one is not chosen]
+    designed = sum(plan.is_of_design(run.planned) for run in runs)
+    basis = (
+        f"Best expected {', '.join(name for name, _ in plan.objectives)} by Gaussian processes over {len(runs)} "
+        f"runs ({designed} of the design, {len(runs) - designed} suggested or added).{_refuted_text(state)}"
+    )
+    expected = expected_at(state, (), chosen, runs)
+    return _recommendation(state, chosen, expected, basis, is_feasible=outlook.best is not None)
+
+
+def _best_point(state: StudyState) -> Recommendation:
+    """Return the point whose objectives are best by the models, among those that were run and keep the constraints.
+
+    With several objectives it is the one with the highest grey relational grade, which is a preference.
+    """
+    analysis, refuted, plan = analysis_of(state), broken_limits(state), state.plan
+    names = [name for name, _ in plan.objectives] or ranked_by(plan)[:1]
+    known = [one for one in analysis.choices if all(one.means.get(name) is not None for name in names)]
+    if not known or not names:
+        raise failures.no_point_with_values(names=", ".join(names))
+    candidates = [one for one in known if settings_key(one.settings) not in refuted]
+    if not candidates:
+        raise _nothing_left(state, "recommend")
+    limits = ", ".join(map(str, plan.constraints))
+    kept = f" and are known to keep {limits}" if limits else ""
+    feasible = [one for one in candidates if one.is_feasible]
+    info = plan.response(names[0])
+    assert info is not None
+    if not feasible:
+        best = min(candidates, key=lambda one: _violation(plan, one))
+        if not math.isfinite(_violation(plan, best)):
+            raise failures.no_point_known_to_keep(limits=limits)
+        basis = "No point that was run is known to keep every constraint; this one comes nearest."
+    elif len(names) > 1:
+        best = max(feasible, key=lambda one: -math.inf if one.grey_grade is None else one.grey_grade)
+        grade = "The point with the highest grey relational grade of those that were run"
+        basis = f"{grade}{kept}: a preference by weights."
+    else:
+        best = min(feasible, key=lambda one: cost_of(info, float(one.means[info.name] or 0.0)))
+        basis = f"The point with the best mean of {info.name} among those that were run{kept}."
+    expected = expected_at(state, analysis.responses, best.settings)
+    basis += _refuted_text(state)
+    if expected and is_one_machine(analysis.runs):
+        basis += " The expected values are of the one machine of the study: others may differ by more."
+    return _recommendation(state, best.settings, expected, basis, is_feasible=best.is_feasible)
+
+
+def _violation(plan: StudyPlan, choice: Choice) -> float:
     """Return by how much a point misses its worst constraint, as a share of the limit; by means without bounds."""
     worst = 0.0
     for bound in plan.constraints:
         value = choice.upper.get(str(bound))
-        if value is None:
-            value = choice.means.get(bound.response)
+        value = choice.means.get(bound.response) if value is None else value
         if value is None:
             return math.inf
         worst = max(worst, bound.excess(value) / (abs(bound.limit) or 1.0))
     return worst
 
 
-def best_of_points(state: StudyState) -> Recommendation:
-    """Return the point whose objectives are best by the models, among those that were run and keep the constraints.
-
-    With several objectives it is the one with the highest grey relational grade, which is a preference. Raises
-    PreconditionError E8206 without runs, E8208 where no response can be judged, E8217 where confirmation has refuted
-    all of them.
-    """
-    analysis, refuted, plan = analysis_of(state), broken_limits(state), state.plan
-    names = [name for name, _ in plan.objectives] or ranked_by(plan)[:1]
-    candidates = [one for one in analysis.choices if all(one.means.get(name) is not None for name in names)]
-    if not candidates or not names:
-        raise failures.no_point_with_values(names=", ".join(names))
-    candidates = [one for one in candidates if settings_key(one.settings) not in refuted]
-    if not candidates:
-        raise nothing_left(state, "recommend")
-    best, basis = _best_of(plan, candidates, names)
-    expected = expected_at(state, analysis.responses, best.settings)
-    basis += refuted_words(state)
-    if expected and is_one_machine(analysis.runs):
-        basis += " What is expected is of runs on the one machine of the study: others may differ by more."
-    return recommendation(state, best.settings, expected, basis, is_feasible=best.is_feasible)
-
-
-def _best_of(plan: StudyPlan, candidates: Sequence[Choice], names: Sequence[str]) -> tuple[Choice, str]:
-    """Return the best of some points by responses, and why it is that."""
-    feasible = [one for one in candidates if one.is_feasible]
-    limits = ", ".join(map(str, plan.constraints))
-    if not feasible:
-        best = min(candidates, key=lambda one: violation(plan, one))
-        if not math.isfinite(violation(plan, best)):
-            raise failures.no_point_known_to_keep(limits=limits)
-        return best, "No point that was run is known to keep every constraint; this one comes nearest."
-    kept = f" and are known to keep {limits}" if limits else ""
-    if len(names) > 1:
-        best = max(feasible, key=lambda one: one.grey_grade if one.grey_grade is not None else -math.inf)
-        grade = "The point with the highest grey relational grade of those that were run"
-        return best, f"{grade}{kept}: a preference by weights."
-    info = plan.response(names[0])
-    assert info is not None
-
-    def cost(one: Choice) -> float:
-        return cost_of(info, float(one.means[names[0]] or 0.0))
-
-    best = min(feasible, key=cost)
-    basis = f"The point with the best mean of {names[0]} among those that were run{kept}."
-    better = [one for one in candidates if cost(one) < cost(best) and _may_keep(plan, one)]
-    if better:
-        points = ", ".join(str(one.point) for one in sorted(better, key=cost)[:MOST_NAMED])
-        basis += f" Points with a better mean that keep it by their mean alone: {points}. Add runs there."
-    return best, basis
-
-
-def _may_keep(plan: StudyPlan, choice: Choice) -> bool:
-    """Whether no mean of a point breaks a constraint; a response without a mean breaks none."""
-    means = ((bound, choice.means.get(bound.response)) for bound in plan.constraints)
-    return all(mean is None or bound.excess(mean) <= 0.0 for bound, mean in means)
-
-
-def refuted_words(state: StudyState) -> str:
+def _refuted_text(state: StudyState) -> str:
     """Return the sentence, after others, of settings that are left out because confirmation has refuted them."""
     texts = ", ".join(dict.fromkeys(text for limits in broken_limits(state).values() for text in limits))
     return f" Settings whose confirmation did not keep {texts} are left out." if texts else ""
 
 
-def nothing_left(state: StudyState, what: str) -> PreconditionError:
-    """Return the error of a study whose settings are all refuted: none is left to recommend, or to suggest."""
-    hint = "Ask a new study, with other levels or wider factors, or with another limit."
-    if what == "recommend":
-        hint = (
-            f"`{state.folder.command('suggest')}` looks for settings that were not run; without any, "
-            f"{hint[0].lower()}{hint[1:]}"
-        )
-    return failures.nothing_left_to_suggest(what=what, state=refuted_words(state), remedy=hint)
+def _nothing_left(state: StudyState, purpose: str) -> PreconditionError:
+    """Return the error of a study whose settings are all refuted."""
+    remedy = "Plan a new study, with other levels or wider factors, or with another limit."
+    if purpose == "recommend":
+        remedy = f"`{state.folder.command('suggest')}` looks for settings that were not run. {remedy}"
+    return failures.nothing_left_to_suggest(what=purpose, state=_refuted_text(state), remedy=remedy)
 
 
-def recommendation(
+def _recommendation(
     state: StudyState,
     settings: Mapping[str, Value],
     expected: Mapping[str, Interval],
@@ -319,27 +332,33 @@ def recommendation(
     *,
     is_feasible: bool,
 ) -> Recommendation:
-    """Return settings that are recommended with what `expected_at` says of them."""
     if not expected:
-        basis += " The runs do not tell what is to be expected there."
-    if wide := wide_intervals(state, expected):
+        basis += " The runs do not show what to expect there."
+    runs = fitting_runs(state)
+    values = {name: values_of(runs, name) for name in expected}
+    wide = [
+        name
+        for name, (_, low, high) in expected.items()
+        if values[name] and high - low > max(values[name]) - min(values[name])
+    ]
+    if wide:
         basis += (
-            f" The interval of {', '.join(wide)} is wider than all that was measured: the runs tell little of what "
-            "a new one will do; replicates and more points would."
+            f" The interval of {', '.join(wide)} is wider than all that was measured: replicates and more "
+            "points would make it smaller."
         )
-    values, lows, highs = ({name: one[n] for name, one in expected.items()} for n in range(3))
+    means, lows, highs = ({name: interval[n] for name, interval in expected.items()} for n in range(3))
     limits = tuple(map(str, state.plan.constraints))
-    return Recommendation(settings, values, lows, highs, is_feasible, basis, limits)
+    return Recommendation(settings, means, lows, highs, is_feasible, basis, limits)
 
 
 def next_batch(state: StudyState, surroundings: Surroundings = NONE) -> list[PlannedRun]:
     """Return the runs that come next in an optimisation; none when all of its runs are made.
 
-    Raises PreconditionError E8216 where a suggested run waits for values that people measure, and what
-    `suggestions` raises.
+    Raises PreconditionError E8216 where a suggested run waits for values measured by hand, and what `suggestions`
+    raises.
     """
     optimize = state.folder.source.file.optimize
-    if waiting := [run for run in _untold(state) if run.planned.kind is RunKind.SUGGESTED]:
+    if waiting := [run for run in _waiting(state) if run.planned.kind is RunKind.SUGGESTED]:
         number = waiting[0].planned.number
         names = [name for name in _by_hand(state) if waiting[0].value(name) is None]
         raise failures.suggested_run_not_measured(
@@ -348,8 +367,8 @@ def next_batch(state: StudyState, surroundings: Surroundings = NONE) -> list[Pla
             command=state.folder.command("tell", str(number), f"{names[0]}=VALUE"),
             making_command=state.making_command("optimize"),
         )
-    left = min(optimize.batch, optimize.runs - counted(state))
-    return suggestions(state, left, surroundings) if left > 0 else []
+    count = min(optimize.batch, optimize.runs - counted(state))
+    return suggestions(state, count, surroundings) if count > 0 else []
 
 
 def counted(state: StudyState) -> int:
@@ -365,17 +384,14 @@ def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE
     few runs have a response, E8211 the rules refuse whatever is suggested, E8217 confirmation has refuted all
     settings.
     """
-    plan = state.plan
-    runs, objective, constraints = _data(state)
-    settings = _candidates(state, runs, objective)
-    pending = [run for run in state.runs if run.state is RunState.OPEN] + _untold(state)
+    runs, settings, fitted = _fitted(state)
     refuse_without_room(state, count)
+    pending = [run for run in state.runs if run.state is RunState.OPEN] + _waiting(state)
+    waiting = unit_points(state.plan.factors, [run.planned.settings for run in pending])
     budget = max(state.folder.source.file.optimize.runs, len(runs) + count)
-    waiting = unit_points(plan.factors, [run.planned.settings for run in pending])
-    fitted = _fitted(plan, runs, objective, constraints)
     for _ in range(MOST_REFUSED):
-        found = fitted.suggest(unit_points(plan.factors, settings), count, waiting, budget)
-        chosen = [settings[candidate] for candidate, _ in found]
+        numbers = fitted.suggest(unit_points(state.plan.factors, settings), count, waiting, budget)
+        chosen = [settings[number] for number in numbers]
         refused = [one for one in chosen if not _is_allowed(state, one, surroundings)]
         if not refused:
             return suggested_runs(state, chosen)
@@ -385,47 +401,18 @@ def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE
     raise failures.suggestions_all_refused()
 
 
-def recommended(state: StudyState, surroundings: Surroundings = NONE) -> Recommendation:
-    """Return the settings that are expected best and keep every constraint by its 95 % bound.
-
-    Without suggestions it is one of the points that were run. Raises what `suggestions` and `best_of_points` raise.
-    """
-    if not has_suggestions(state):
-        return best_of_points(state)
-    plan = state.plan
-    runs, objective, constraints = _data(state)
-    settings = _candidates(state, runs, objective)
-    fitted = _fitted(plan, runs, objective, constraints)
-    while True:
-        outlook = fitted.outlook(unit_points(plan.factors, settings))
-        chosen = settings[outlook.nearest]
-        if _is_allowed(state, chosen, surroundings) or len(settings) == 1:
-            break
-        settings = [one for one in settings if one is not chosen]
-    names = ", ".join(name for name, _ in plan.objectives)
-    designed = sum(plan.is_of_design(run.planned) for run in runs)
-    basis = (
-        f"Best expected {names} by Gaussian processes over {len(runs)} runs ({designed} of the design, "
-        f"{len(runs) - designed} suggested or added).{refuted_words(state)}"
-    )
-    expected = expected_at(state, (), chosen, runs)
-    return recommendation(state, chosen, expected, basis, is_feasible=outlook.best is not None)
-
-
-def _fitted(
-    plan: StudyPlan,
-    runs: Sequence[StudyRun],
-    objective: Sequence[float],
-    constraints: Sequence[tuple[list[float], float]],
-) -> Surrogates:
+def _fitted(state: StudyState) -> tuple[list[StudyRun], list[dict[str, Value]], Surrogates]:
+    """Return the runs that count, the candidates, and the processes fitted to the runs."""
     from edmctl.study.statistics.surrogates import Surrogates
 
-    points = unit_points(plan.factors, [run.planned.settings for run in runs])
-    return Surrogates.fit(points, objective, constraints, [run.block for run in runs])
+    runs, objective, constraints = data_of(state)
+    points = unit_points(state.plan.factors, [run.planned.settings for run in runs])
+    fitted = Surrogates.fit(points, objective, constraints, [run.block for run in runs])
+    return runs, _candidates(state, runs, objective), fitted
 
 
-def _data(state: StudyState) -> tuple[list[StudyRun], list[float], list[tuple[list[float], float]]]:
-    """The runs, the objective to be minimised, and each constraint's values with the limit they shall not exceed."""
+def data_of(state: StudyState) -> tuple[list[StudyRun], list[float], list[Constraint]]:
+    """Return the runs that count, the objective to be minimised, and the constraints."""
     plan = state.plan
     if not plan.objectives:
         raise failures.study_without_objective()
@@ -436,33 +423,32 @@ def _data(state: StudyState) -> tuple[list[StudyRun], list[float], list[tuple[li
     runs = [
         run
         for run in (*fitting_runs(state), *disproving)
-        if run.state is RunState.FAILED or all(run.value(name) is not None for name in _wanted(plan))
+        if run.state is RunState.FAILED or all(run.value(name) is not None for name in _needed(plan))
     ]
     objective = _objective(plan, runs)
-    known = sum(math.isfinite(value) for value in objective)
+    known = sum(map(math.isfinite, objective))
     if known < LEAST_RUNS:
+        remedy = f"Tell responses that are measured by hand: `{state.folder.command('tell')} RUN NAME=VALUE`."
+        if any(run.state is RunState.OPEN for run in state.runs):
+            remedy = f"Make the design's runs first: `{state.making_command('resume')}`."
         raise failures.too_few_runs_to_suggest(
-            runs=plural(known, "run"),
-            least_runs=LEAST_RUNS,
-            remedy=f"Make the design's runs first: `{state.making_command('resume')}`."
-            if any(run.state is RunState.OPEN for run in state.runs)
-            else f"Tell responses that are measured by hand: `{state.folder.command('tell')} RUN NAME=VALUE`.",
+            runs=plural(known, "run"), least_runs=LEAST_RUNS, remedy=remedy
         )
     constraints = []
     for bound in plan.constraints:
-        values = [run.value(bound.response) for run in runs]
-        is_log = bound.limit > 0 and _is_log(plan.response(bound.response), values)
-        scaled = [math.nan if value is None else bound.sign * _scaled(value, is_log) for value in values]
-        constraints.append((scaled, bound.sign * _scaled(bound.limit, is_log)))
+        info, values = plan.response(bound.response), [run.value(bound.response) for run in runs]
+        is_log = info is not None and bound.limit > 0 and _is_log(info, values)
+        limit = math.log(bound.limit) if is_log else bound.limit
+        constraints.append(([bound.sign * value for value in _scaled(values, is_log)], bound.sign * limit))
     return runs, objective, constraints
 
 
-def _wanted(plan: StudyPlan) -> list[str]:
+def _needed(plan: StudyPlan) -> list[str]:
     return [*(name for name, _ in plan.objectives), *(bound.response for bound in plan.constraints)]
 
 
-def _untold(state: StudyState) -> list[StudyRun]:
-    """Runs that were made and lack a value that people measure."""
+def _waiting(state: StudyState) -> list[StudyRun]:
+    """Return the runs that were made and lack a value that is measured by hand."""
     return [
         run
         for run in fitting_runs(state)
@@ -471,86 +457,86 @@ def _untold(state: StudyState) -> list[StudyRun]:
 
 
 def _by_hand(state: StudyState) -> list[str]:
-    """Names of the responses that a suggestion is about and people measure."""
+    """Return the responses of objectives and constraints that are measured by hand."""
     manual = {one.name for one in state.plan.responses if one.is_manual}
-    return [name for name in dict.fromkeys(_wanted(state.plan)) if name in manual]
+    return [name for name in dict.fromkeys(_needed(state.plan)) if name in manual]
 
 
 def _objective(plan: StudyPlan, runs: Sequence[StudyRun]) -> list[float]:
-    """One cost a run, NaN where it is unknown: of several objectives the weighted sum of standardised ones."""
+    """Return one cost a run, NaN if unknown: of several objectives the weighted sum of standardised ones."""
+    import numpy as np
+
     columns = []
     for name, _ in plan.objectives:
         info, values = plan.response(name), [run.value(name) for run in runs]
         assert info is not None
         has_target = info.better == "nominal" and info.target is not None
-        is_log = not has_target and _is_log(info, values)
-        columns.append([math.nan if v is None else cost_of(info, _scaled(v, is_log)) for v in values])
-    if len(columns) == 1:
-        return columns[0]
-    whole = [0.0] * len(runs)
-    for column, (_, weight) in zip(columns, plan.objectives, strict=True):
-        known = [value for value in column if math.isfinite(value)]
-        mean = math.fsum(known) / max(1, len(known))
-        sd = math.sqrt(math.fsum((value - mean) ** 2 for value in known) / max(1, len(known) - 1)) or 1.0
-        whole = [total + weight * (value - mean) / sd for total, value in zip(whole, column, strict=True)]
-    return whole
+        scaled = _scaled(values, not has_target and _is_log(info, values))
+        columns.append([cost_of(info, value) for value in scaled])
+    table = np.array(columns)
+    if len(columns) > 1 and len(runs) > 1:
+        spread = np.nanstd(table, axis=1, ddof=1, keepdims=True)
+        table = (table - np.nanmean(table, axis=1, keepdims=True)) / np.where(spread > 0, spread, 1.0)
+        table *= np.array([weight for _, weight in plan.objectives])[:, None]
+    return [float(value) for value in table.sum(axis=0)]
 
 
-def _is_log(info: ResponseInfo | None, values: Sequence[float | None]) -> bool:
-    """Whether a response is modelled as its logarithm, and all of its values have one."""
+def _is_log(info: ResponseInfo, values: Sequence[float | None]) -> bool:
+    """Return whether a response is modelled as its logarithm, and all of its values have one."""
     known = [value for value in values if value is not None]
-    return info is not None and info.is_log and bool(known) and min(known) > 0
+    return info.is_log and bool(known) and min(known) > 0
 
 
-def _scaled(value: float, is_log: bool) -> float:
-    return math.log(value) if is_log else value
+def _scaled(values: Sequence[float | None], is_log: bool) -> list[float]:
+    return [math.nan if value is None else math.log(value) if is_log else value for value in values]
 
 
 def _candidates(
     state: StudyState, runs: Sequence[StudyRun], objective: Sequence[float]
 ) -> list[dict[str, Value]]:
-    """Settings that may be suggested, but for those whose confirmation has broken a constraint.
+    """Return settings that may be suggested, but for those whose confirmation has broken a constraint.
 
     A Sobol sequence over the factors; ends and middles of the factors, where the best often is and no inner point
     reaches; the surroundings of the runs with the best objectives; and all that were run.
     """
-    source, plan = state.folder.source, state.plan
-    seed, steps = source.file.design.seed, source.steps
-    ranges = [
-        replace(factor, is_number=False) if factor.is_number and not factor.is_range else factor
-        for factor in plan.factors
-    ]
-    rows = sobol_points(len(ranges), CANDIDATES, seed).tolist() + _ends(ranges)
-    around = sobol_points(len(ranges), AROUND, seed + 1).tolist()
+    source = state.folder.source
+    # Levels are categories here: nothing between them may be suggested.
+    factors = [replace(of, is_number=of.is_number and of.is_range) for of in state.plan.factors]
+    seed = source.file.design.seed
+    rows = sobol_points(len(factors), CANDIDATES, seed).tolist() + _ends(factors)
+    around = sobol_points(len(factors), AROUND, seed + 1).tolist()
     known = [n for n, value in enumerate(objective) if math.isfinite(value)]
     best = [runs[n].planned.settings for n in sorted(known, key=lambda n: objective[n])[:BEST]]
-    for centre in {settings_key(one): one for one in best}.values():
-        here = [coded(f, centre[f.key]) if f.is_number else None for f in ranges]
+    for center in {settings_key(one): one for one in best}.values():
+        at = [coded(of, center[of.key]) if of.is_number else None for of in factors]
         rows += [
-            [x if at is None else at + NEAR * x for at, x in zip(here, row, strict=True)] for row in around
+            [x if c is None else min(max(c + NEAR * x, -1.0), 1.0) for c, x in zip(at, row, strict=True)]
+            for row in around
         ]
-    found: dict[str, dict[str, Value]] = {}
-    for row in rows:
-        places = zip(ranges, row, strict=True)
-        one = {f.key: value_at(f, min(max(x, -1.0), 1.0), steps[f.key]) for f, x in places}
-        found[settings_key(one)] = one
-    for run in state.runs:
-        if run.planned.kind is not RunKind.CONFIRMATION:
-            found[settings_key(run.planned.settings)] = dict(run.planned.settings)
+    settings = [
+        {of.key: value_at(of, x, source.steps[of.key]) for of, x in zip(factors, row, strict=True)}
+        for row in rows
+    ]
+    settings += [
+        dict(run.planned.settings) for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION
+    ]
     broken = broken_limits(state)
-    left = [one for key, one in found.items() if key not in broken]
-    if not left:
-        raise nothing_left(state, "suggest")
-    return left
+    found = {key: one for one in settings if (key := settings_key(one)) not in broken}
+    if not found:
+        raise _nothing_left(state, "suggest")
+    return list(found.values())
 
 
 def _ends(factors: Sequence[FactorInfo]) -> list[list[float]]:
-    """Coded points at all ends and middles of the factors, or at the ends alone; none where those are too many."""
-    for levels in ((-1.0, 0.0, 1.0), (-1.0, 1.0)):
-        counts = [0 if factor.is_number else len(factor.values) for factor in factors]
-        own = [[(2 * n + 1) / count - 1 for n in range(count)] or levels for count in counts]
-        if math.prod(map(len, own)) <= CANDIDATES:
-            return [list(row) for row in itertools.product(*own)]
+    """Return coded points at all ends and middles of the factors, or at the ends alone; none if too many."""
+    for levels in ([-1.0, 0.0, 1.0], [-1.0, 1.0]):
+        values = []
+        for factor in factors:
+            count = len(factor.values)
+            categories = [(2 * n + 1) / count - 1 for n in range(count)]
+            values.append(levels if factor.is_number else categories)
+        if math.prod(map(len, values)) <= CANDIDATES:
+            return [list(row) for row in itertools.product(*values)]
     return []
 
 

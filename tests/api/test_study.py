@@ -10,7 +10,7 @@ import pytest
 import edmctl
 from edmctl.errors import PreconditionError, UsageError
 from edmctl.study.results import RunKind
-from edmctl.study.suggestions import _data
+from edmctl.study.suggestions import data_of
 from edmctl.study.table import OF_EXECUTION
 from tests.study.studies import HEAD, SMALL, written
 
@@ -178,7 +178,7 @@ def test_what_nobody_has_told_is_no_failure(tmp_path: Path) -> None:
         if run.number % 3:
             values["ra_um"] = 0.0 if run.number == 1 else 0.2 + 0.1 * float(run.settings["pulse.duty"])
         study.tell(run, values)
-    runs, objective, constraints = _data(study._state())
+    runs, objective, constraints = data_of(study._state())
     assert len(runs) == len(objective) == 6
     assert min(objective) == 0.0  # one logarithm is missing, so none is taken
     assert all(len(values) == 6 for values, _ in constraints)

@@ -190,7 +190,6 @@ def test_a_profile_is_no_study_and_a_misspelt_study_is_guessed(tmp_path: Path) -
         ('kind = "ccd"', RANGES, 14),
         ('kind = "lhs"\nruns = 7', RANGES, 7),
         ('kind = "sobol"\nruns = 6', RANGES, 6),
-        ('kind = "sensitivity"\nbase = 2', RANGES, 10),
     ],
 )
 def test_a_design_has_its_points(tmp_path: Path, design: str, factors: str, points: int) -> None:

@@ -17,13 +17,12 @@ import pytest
 
 from edmctl.report.html import picture_of
 from edmctl.report.style import NothingToDraw
-from edmctl.study.analysis import StudyAnalysis, doe_runs
+from edmctl.study.analysis import StudyAnalysis, doe_runs, pareto_front
 from edmctl.study.design import terms_of
 from edmctl.study.report import StudyReport
 from edmctl.study.report import figures as drawn
+from edmctl.study.report.contents import all_runs, p_text, p_words
 from edmctl.study.report.page import render_study_page
-from edmctl.study.report.tables import all_runs
-from edmctl.study.report.words import p_text, p_words
 from edmctl.study.results import (
     Choice,
     Confirmation,
@@ -40,7 +39,6 @@ from edmctl.study.results import (
     StudyRun,
 )
 from edmctl.study.running import bare_row
-from edmctl.study.statistics.choice import SobolIndices, pareto_front
 from edmctl.study.statistics.response_analysis import analyse
 from edmctl.wording import significant, to_its_u95
 
@@ -88,7 +86,6 @@ class Made:
             "added": (),
             "responses": self.responses,
             "truths": {one.name: one for one in self.responses if one.name == "wear_um"},
-            "indices": {},
             "choices": self.choices,
             "notes": (),
         }
@@ -193,7 +190,6 @@ def choices_of(runs: Sequence[StudyRun]) -> tuple[Choice, ...]:
             is_feasible=n % 4 != 0,
             is_pareto=bool(front[n]),
             grey_grade=0.4 + n / 100,
-            topsis_closeness=0.9 - n / 100,
         )
         for n, run in enumerate(first)
     )
@@ -366,12 +362,12 @@ def test_recommendation_and_confirmation() -> None:
         assert ("Confirmation did not hold" in text) == (len(responses) == 2)
 
 
-def test_choices_have_bounds_and_rankings_are_preferences(page: Page) -> None:
+def test_choices_have_bounds_and_grades_are_preferences(page: Page) -> None:
     cells = page.cells("Points", "2")
     assert cells["wear_um, upper 95 % bound (≤ 7.5)"] == "7.250"
     assert cells["keeps constraints"] == "yes"
-    assert page.cells("Rankings by preference", "9")["rank by grade"] == "1"
-    assert "Preferences, no findings: they follow from the weights (time_s 2, wear_um 1, flat 1)" in " ".join(
+    assert cells["grey relational grade"] == "0.410"
+    assert "preference, no finding: it follows from the weights (time_s 2, wear_um 1, flat 1)" in " ".join(
         page.text
     )
 
@@ -395,9 +391,6 @@ def figures() -> dict[str, Callable[[], Figure]]:
     small, large = levels(), surface()
     time = small.one("time_s")
     wide = large.one("time_s")
-    indices = SobolIndices(
-        np.array([0.6, 0.2, -0.01]), np.array([0.7, 0.3, 0.0]), np.full(3, 0.05), np.full(3, 0.04)
-    )
     plan, runs, info = small.plan, small.runs, RESPONSES[0]
     return {
         "effects": partial(drawn.draw_main_effects, plan, info, time, runs),
@@ -412,7 +405,6 @@ def figures() -> dict[str, Callable[[], Figure]]:
         "order of a constant": partial(drawn.draw_order, RESPONSES[3], small.one("flat"), runs),
         "front": partial(drawn.draw_front, plan, small.choices),
         "surface": partial(drawn.draw_surface, large.plan, info, wide, large.runs),
-        "indices": partial(drawn.draw_indices, large.plan, indices),
     }
 
 
@@ -425,12 +417,6 @@ def test_every_figure_draws_quietly(name: str) -> None:
     assert picture.figure is not None, picture.why_not
     assert picture.address().startswith("data:image/svg+xml;base64,")
     assert 25.4 * picture.figure.get_figwidth() == pytest.approx(85.0)
-
-
-def test_sobol_indices_have_a_section() -> None:
-    shares = np.full(2, 0.4)
-    text = levels().page(indices={"time_s": SobolIndices(shares, shares, shares / 10, shares / 10)})
-    assert "Sobol indices of time_s" in text
 
 
 def test_figures_without_data_say_why() -> None:

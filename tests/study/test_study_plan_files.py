@@ -103,7 +103,7 @@ WRONG: dict[str, Change] = {
         is_log=True, values=[-1.0, 1.0]
     ),
     "an unknown model": lambda study: study["plan"].update(model="cubic"),
-    "a model of another design": lambda study: study["plan"].update(model="sensitivity"),
+    "a model of another design": lambda study: study["plan"].update(model="cubic"),
     "no runs": lambda study: study["plan"].update(runs=[]),
     "runs as a text": lambda study: study["plan"].update(runs="all"),
     "a run twice": lambda study: study["plan"]["runs"].append(first_run(study)),

@@ -13,7 +13,7 @@ from edmctl.errors import PreconditionError
 from edmctl.study.analysis import analysis_of, expected_at, is_one_machine
 from edmctl.study.planning import plan_study
 from edmctl.study.report import render_confirmation, render_recommendation
-from edmctl.study.report.words import confirmed
+from edmctl.study.report.contents import confirmed
 from edmctl.study.results import Judgement, RunKind
 from edmctl.study.study_file import read_study
 from edmctl.study.suggestions import (
@@ -178,26 +178,6 @@ def test_nothing_is_recommended_where_no_constraint_is_known(tmp_path: Path) -> 
     with pytest.raises(PreconditionError, match=r"known to keep arc_share ≤ 0\.05") as nothing:
         recommended(folder.read())
     assert nothing.value.code == "E8208"
-
-
-@pytest.mark.parametrize(("more", "is_named"), [(0.06, True), (0.08, False)])
-def test_a_faster_point_is_named_if_its_mean_keeps_the_constraint(
-    tmp_path: Path, more: float, is_named: bool
-) -> None:
-    folder = made(tmp_path, IN_BLOCKS)
-    fastest = min(folder.plan.runs, key=time_s)
-    come_to(
-        folder,
-        lambda run: {
-            "machining_time_s": time_s(run),
-            "arc_share": 0.02 + more * (run.point == fastest.point and run.replicate == 2),
-        },
-    )
-    best = recommended(folder.read())
-    assert "and are known to keep arc_share ≤ 0.05" in best.basis
-    named = f"Points with a better mean that keep it by their mean alone: {fastest.point}."
-    assert (named in best.basis) == is_named
-    assert ("better mean" in best.basis) == is_named
 
 
 def test_an_expected_share_is_none_that_cannot_be(tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ from edmctl.dataclasses import replace
 from edmctl.study.analysis import analysis_of
 from edmctl.study.design import value_at
 from edmctl.study.report import StudyReport, mapping_of, report_of
+from edmctl.study.report.contents import what_matters
 from edmctl.study.report.page import render_study_page
-from edmctl.study.report.words import what_matters
 from edmctl.study.running import bare_row, lost_row
 from edmctl.study.suggestions import confirmation_runs, suggested_runs
 from tests.study.studies import FULL, HEAD, RESPONSES, SMALL, come_to, made
@@ -54,7 +54,6 @@ DESIGNS = {
     "ccd": (RANGES, "kind = 'ccd'\ncenter_points = 1\nreplicates = 2"),
     "lhs": (RANGES, "kind = 'lhs'\nruns = 20\nseeds = 'run'"),
     "sobol": (RANGES, "kind = 'sobol'\nruns = 16\nblocks = 2"),
-    "sensitivity": (RANGES, "kind = 'sensitivity'\nbase = 4"),
     "tools and replicates": (levels(TWO_LEVELS), f"kind = 'full'\nreplicates = 2\n{MACHINE}"),
     "csv": (RANGES, "kind = 'csv'\nfile = 'points.csv'\nreplicates = 2"),
 }
@@ -105,7 +104,7 @@ def add(folder: StudyFolder, count: int) -> None:
 def tables(folder: StudyFolder) -> str:
     """All design tables, to the digit."""
     found = mapping_of(StudyReport(analysis_of(folder.read()), ()))
-    kept = {name: found[name] for name in ("runs", "responses", "truths", "sobol_indices")}
+    kept = {name: found[name] for name in ("runs", "responses", "truths")}
     return json.dumps(kept, default=lambda one: {name: getattr(one, name) for name in one.__slots__})
 
 
@@ -135,9 +134,7 @@ def test_further_runs_leave_the_design_tables_unchanged(tmp_path: Path, kind: st
     assert tables(folder) == before
 
 
-@pytest.mark.parametrize(
-    "kind", tiers(*CHEAP, slow=[kind for kind in DESIGNS if kind not in (*CHEAP, "sensitivity")])
-)
+@pytest.mark.parametrize("kind", tiers(*CHEAP, slow=[kind for kind in DESIGNS if kind not in CHEAP]))
 def test_an_effect_of_six_standard_errors_is_never_not_shown(tmp_path: Path, kind: str) -> None:
     folder = study(tmp_path, kind)
     make(folder)

@@ -272,7 +272,7 @@ def render_plan(plan: StudyPlan, style: Style = PLAIN) -> str:
         "objectives": ", ".join(
             f"{name} (weight {weight:g})" if weight != 1 else name for name, weight in plan.objectives
         ),
-        "model": f"{plan.model}; degrees of freedom: {dof}" if plan.model != "sensitivity" else "",
+        "model": f"{plan.model}; degrees of freedom: {dof}",
         "takes": _costs(plan),
         "aliases": "; ".join(plan.aliases),
     }

@@ -1,10 +1,10 @@
-"""The report of a study: what it contains, on a terminal, as plain values and as profiles; `page` has its page."""
+"""The report of a study: its contents, as text on a terminal, as plain values and as profiles."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ from edmctl.profile.read import apply_overrides, read_chain
 from edmctl.study.analysis import StudyAnalysis, analysis_of
 from edmctl.study.folder import StudyState
 from edmctl.study.planning import request_of
-from edmctl.study.report import tables, words
+from edmctl.study.report import contents
 from edmctl.study.results import Confirmation, Recommendation, ResponseInfo, StudyPlan, StudyRun
 from edmctl.study.statistics.response_analysis import ResponseAnalysis
 from edmctl.study.suggestions import confirmations_of, recommended
@@ -31,20 +31,13 @@ if TYPE_CHECKING:
 
 
 MOST_POINTS = 12
-OF_VARIANCE = ("term", "dof", "F", "p", "share of seq. SS, %")
-OF_BOTH = ("term", *(f"{what}, {of}" for of in ("measured", "true") for what in ("p", "seq. share %")))
-
-
-def recommendation_or_why(
-    state: StudyState, surroundings: Surroundings = NONE
-) -> tuple[Recommendation | None, tuple[str, ...]]:
-    """Return what is recommended; without, a note why the rows do not tell, as far as that can be said."""
-    try:
-        return recommended(state, surroundings), ()
-    except EdmError as error:
-        return None, (error.message.rstrip("."),)
-    except ValueError:
-        return None, ()
+ANOVA_COLUMNS = ("term", "dof", "F", "p", "share of seq. SS, %")
+TRUTH_COLUMNS = ("term", "p, measured", "seq. share %, measured", "p, true", "seq. share %, true")
+FIELDS = (
+    *("name", "is_log", "mean", "sd", "anova", "coefficients"),
+    *("r2", "adjusted_r2", "predicted_r2", "error_sd", "notes"),
+)
+"""Fields of an analysis that the JSON object has under the same name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +62,19 @@ class StudyReport:
 def report_of(state: StudyState, surroundings: Surroundings = NONE) -> StudyReport:
     """Return the report of a study. Raises PreconditionError E8206 if no run is done."""
     found = analysis_of(state)
-    best, why = recommendation_or_why(state, surroundings)
-    return StudyReport(found, state.runs, best, confirmations_of(state), (*found.notes, *why))
+    best, notes = _recommendation_or_note(state, surroundings)
+    return StudyReport(found, state.runs, best, confirmations_of(state), (*found.notes, *notes))
+
+
+def _recommendation_or_note(
+    state: StudyState, surroundings: Surroundings = NONE
+) -> tuple[Recommendation | None, tuple[str, ...]]:
+    try:
+        return recommended(state, surroundings), ()
+    except EdmError as error:
+        return None, (error.message.rstrip("."),)
+    except ValueError:
+        return None, ()
 
 
 def mapping_of(report: StudyReport) -> dict[str, Any]:
@@ -82,10 +86,6 @@ def mapping_of(report: StudyReport) -> dict[str, Any]:
         "added_runs": [run.planned.number for run in analysis.added],
         "responses": [_response(one, analysis) for one in analysis.responses],
         "truths": [_response(one, analysis) for one in analysis.truths.values()],
-        "sobol_indices": {
-            name: {key: list(map(float, values)) for key, values in asdict(one).items()}
-            for name, one in analysis.indices.items()
-        },
         "choices": analysis.choices,
         "recommendation": report.recommendation,
         "confirmations": report.confirmations,
@@ -96,7 +96,7 @@ def mapping_of(report: StudyReport) -> dict[str, Any]:
 def _response(one: ResponseAnalysis, analysis: StudyAnalysis) -> dict[str, Any]:
     lack = one.lack
     return {
-        **{name: getattr(one, name) for name in AS_ANALYSED},
+        **{name: getattr(one, name) for name in FIELDS},
         "runs": [analysis.runs[row].planned.number for row in one.used],
         "pooled_anova": one.pooled,
         "lack_of_fit": {name: getattr(lack, name) for name in ("dof", "f", "p", "pure_dof")}
@@ -108,16 +108,9 @@ def _response(one: ResponseAnalysis, analysis: StudyAnalysis) -> dict[str, Any]:
     }
 
 
-AS_ANALYSED = (
-    *("name", "is_log", "mean", "sd", "anova", "coefficients"),
-    *("r2", "adjusted_r2", "predicted_r2", "error_sd", "notes"),
-)
-"""Fields of an analysis that the JSON object has under the same name."""
-
-
 def render_report(report: StudyReport, style: Style = PLAIN) -> str:
-    """Render what matters for each response, the Pareto front, the recommendation and the confirmations."""
-    found, plan, columns = report.analysis, report.analysis.plan, style.columns or USUAL_COLUMNS
+    """Render the tables of each response, the Pareto front, the recommendation and the confirmations."""
+    found, plan = report.analysis, report.analysis.plan
     parts = [
         render_response(report.info(one.name), one, style, found.truths.get(one.name))
         for one in found.responses
@@ -125,16 +118,15 @@ def render_report(report: StudyReport, style: Style = PLAIN) -> str:
     front = [one for one in found.choices if one.is_pareto]
     if len(plan.objectives or plan.responses) > 1 and front:
         runs = plural(sum(one.runs for one in found.choices), "run")
-        head = f"{len(front)} of {plural(len(found.choices), 'point')} ({runs}) Pareto-optimal"
-        ranked = tables.preferences(plan, front)
-        parts.append(f"{head}\n{_text(ranked, style, most=MOST_POINTS)}")
+        columns = ("point", *(of.name for of in plan.factors), "grey relational grade", "keeps constraints")
+        table = _text(contents.choices(plan, front), style, columns, MOST_POINTS)
+        points = plural(len(found.choices), "point")
+        parts.append(f"{len(front)} of {points} ({runs}) Pareto-optimal\n{table}")
     if report.recommendation is not None:
         parts.append(render_recommendation(plan, report.recommendation, style))
     parts += [render_confirmation(plan, one, style) for one in report.confirmations]
     if report.notes:
-        parts.append(
-            "\n".join(line for note in report.notes for line in wrapped(f"note: {note}", columns, "  "))
-        )
+        parts.append(_lines((f"note: {note}" for note in report.notes), style))
     return "\n\n".join(parts)
 
 
@@ -145,42 +137,40 @@ def render_response(
 
     true : the analysis of the true values of a virtual machine, beside it
     """
-    columns = style.columns or USUAL_COLUMNS
-    mean = f"mean {significant(one.mean, 4)}, standard deviation {significant(one.sd, 3)}"
     head = style.paint(f"{one.name}{', logarithm' if one.is_log else ''}", Ink.STRONG)
+    mean = f"mean {significant(one.mean, 4)}, standard deviation {significant(one.sd, 3)}"
     lines = [f"{head}  {plural(len(one.used), 'run')} of the design: {mean}"]
-    if true is not None and (both := tables.measured_and_true(one, true)) is not None:
-        lines.append(_text(both, style, OF_BOTH))
-    elif shown := tables.analysis_of_variance(one):
-        is_pooled = one.anova is not None and not one.anova.error.dof
-        lines.append(_text(shown[-1 if is_pooled else 0], style, OF_VARIANCE))
-    said = [*words.what_matters(info, one), *map(words.sentence, one.notes)]
-    quality = tables.fit_quality(one, info.unit)
+    if true is not None and (both := contents.measured_and_true(one, true)) is not None:
+        lines.append(_text(both, style, TRUTH_COLUMNS))
+    elif one.anova is not None:
+        lines.append(
+            _text(contents.analysis_of_variance(one)[0 if one.anova.error.dof else -1], style, ANOVA_COLUMNS)
+        )
+    sentences = [*contents.what_matters(info, one), *map(contents.sentence, one.notes)]
+    quality = contents.fit_quality(one, info.unit)
     if quality is not None and math.isfinite(one.r2):
-        said.append(words.sentence("; ".join(f"{name}: {value}" for name, value, *_ in quality.rows[1:])))
-    return "\n".join([*lines, *(line for one in said for line in wrapped(one, columns, "  "))])
+        sentences.append(contents.sentence("; ".join(f"{name}: {value}" for name, value in quality.rows[1:])))
+    return "\n".join([*lines, _lines(sentences, style)])
 
 
 def render_recommendation(plan: StudyPlan, one: Recommendation, style: Style = PLAIN) -> str:
-    """Render the settings that are recommended, and what is expected of a run there."""
-    return "\n".join(wrapped(words.recommended(plan, one), style.columns or USUAL_COLUMNS, "  "))
+    """Render the settings that are recommended, and the response values that are expected there."""
+    return _lines([contents.recommended(plan, one)], style)
 
 
 def render_confirmation(plan: StudyPlan, one: Confirmation, style: Style = PLAIN) -> str:
-    """Render the results of runs at settings that no model had seen, against what was expected of them."""
-    said = [
-        line
-        for text in words.confirmed(plan, [one])
-        for line in wrapped(text, style.columns or USUAL_COLUMNS, "  ")
-    ]
-    table = tables.confirmation(plan, one)
-    return "\n".join([*said, *([_text(table, style)] if table is not None else [])])
+    """Render the results of confirmation runs beside what was expected of them."""
+    text = _lines(contents.confirmed(plan, [one]), style)
+    return f"{text}\n{_text(contents.confirmation(plan, one), style)}" if one.responses else text
 
 
-def _text(table: PageTable | None, style: Style, columns: Sequence[str] = (), most: int | None = None) -> str:
+def _lines(paragraphs: Iterable[str], style: Style) -> str:
+    columns = style.columns or USUAL_COLUMNS
+    return "\n".join(line for text in paragraphs for line in wrapped(text, columns, "  "))
+
+
+def _text(table: PageTable, style: Style, columns: Sequence[str] = (), most: int | None = None) -> str:
     """Return a table of the page, or some of its columns and rows, as text."""
-    if table is None:
-        return ""
     kept = [n for n, name in enumerate(table.header) if not columns or name in columns]
     header, *rows = ([str(row[n]) for n in kept] for row in (table.header, *table.rows[:most]))
     return render_columns(header, rows, style, "<" if table.words else "<>")
@@ -195,38 +185,39 @@ def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) 
     """
     import tomli_w
 
-    analysis = analysis_of(state)
-    front = [one for one in analysis.choices if one.is_pareto]
+    front = [one for one in analysis_of(state).choices if one.is_pareto]
     if not front:
         raise failures.no_point_keeps_constraints()
-    chosen = sorted(front, key=lambda one: -(one.grey_grade if one.grey_grade is not None else -math.inf))
     stem, name = file_stem(state.plan.name), state.plan.name
-    files = [
-        (
-            folder / f"{stem}-point{one.point:03d}.toml",
+    files = {
+        folder / f"{stem}-point{one.point:03d}.toml": (
             one.settings,
             f"point {one.point} of the study {name}",
             f"means of {one.runs} runs: {_values(one.means)}",
         )
-        for one in chosen
-    ]
-    best, _ = recommendation_or_why(state)
-    if best is not None and best.settings not in [one.settings for one in chosen]:
-        path, says = folder / f"{stem}-recommended.toml", f"expected: {_values(best.expected)}"
-        files.append((path, best.settings, f"recommended by the study {name}", says))
+        for one in sorted(front, key=lambda one: -(one.grey_grade or 0.0))
+    }
+    best, _ = _recommendation_or_note(state)
+    if best is not None and best.settings not in [one.settings for one in front]:
+        expected = f"expected: {_values(best.expected)}"
+        files[folder / f"{stem}-recommended.toml"] = (
+            best.settings,
+            f"recommended by the study {name}",
+            expected,
+        )
     output_files.make_folder(folder)
     if not overwrite:
-        for path, *_ in files:
+        for path in files:
             output_files.check_free(path, "Name another folder, or replace its profiles with --overwrite.")
-    for path, settings, description, says in files:
+    for path, (settings, description, values) in files.items():
         request = request_of(state.folder.base, settings)
         assert request.profile is not None
         merged = apply_overrides(read_chain(find_profile(request.profile)), request.overrides)
         table: dict[str, Any] = dict(merged.table)
         table["meta"] = {**table.get("meta", {}), "name": path.stem, "description": description[:200]}
-        head = f"# {description[:200]}: {says}.\n\n"
+        head = f"# {description[:200]}: {values}.\n\n"
         output_files.write(path, (head + tomli_w.dumps(table)).encode(), overwrite=True)
-    return [path for path, *_ in files]
+    return list(files)
 
 
 def _values(of: Mapping[str, float | None]) -> str:
@@ -234,5 +225,5 @@ def _values(of: Mapping[str, float | None]) -> str:
 
 
 def file_stem(name: str) -> str:
-    """Return what the names of files of a study begin with."""
+    """Return the beginning of the names of a study's files."""
     return re.sub("-{2,}", "-", plain_name(name.lower()))[:40].strip("-") or "study"

@@ -19,6 +19,8 @@ from edmctl.dataclasses import dataclass
 
 Levels = NDArray[np.int64]
 """Level numbers from 0: (runs, columns)."""
+Coded = NDArray[np.float64]
+"""Settings from −1 to 1: (runs, factors)."""
 
 SIXFOLD = ("000000", "001122", "010212", "022110", "012021", "021201")
 """Difference matrix of order 6 over the integers modulo 3, behind L18."""
@@ -52,21 +54,20 @@ class OrthogonalArray:
 def arrays() -> dict[str, OrthogonalArray]:
     """Return every array by its name, smaller ones first."""
     three_by_four = [(a, b, (a + b) % 2, third) for third in range(3) for a in range(2) for b in range(2)]
-    two = {f"L{2**order}": _of_two_levels(order) for order in (2, 3, 4, 5)}
     made = [
-        ("L4 (2^3)", two["L4"]),
-        ("L8 (2^7)", two["L8"]),
+        ("L4 (2^3)", _linear(2, 2)),
+        ("L8 (2^7)", _linear(2, 3)),
         ("L8 (4^1 2^4)", _with_four_levels(3, 1)),
         ("L9 (3^4)", _linear(3, 2)),
         ("L12 (2^11)", _rows(TWELVE)),
-        ("L16 (2^15)", two["L16"]),
+        ("L16 (2^15)", _linear(2, 4)),
         *((f"L16 (4^{n} 2^{15 - 3 * n})", _with_four_levels(4, n)) for n in range(1, 5)),
         ("L16 (4^5)", _with_four_levels(4, 5)),
         ("L18 (2^1 3^7)", _developed(SIXFOLD, np.array([(r // 3, r % 3) for r in range(6)]))),
         ("L18 (6^1 3^6)", _developed(SIXFOLD, np.arange(6)[:, None])),
         ("L25 (5^6)", _linear(5, 2)),
         ("L27 (3^13)", _linear(3, 3)),
-        ("L32 (2^31)", two["L32"]),
+        ("L32 (2^31)", _linear(2, 5)),
         ("L32 (2^1 4^9)", _with_four_levels(5, 9)[:, [9, *range(9)]]),
         ("L36 (2^11 3^12)", _developed(TWELVEFOLD, _rows(TWELVE))),
         ("L36 (2^3 3^13)", _developed(TWELVEFOLD, np.array(three_by_four))),
@@ -74,51 +75,35 @@ def arrays() -> dict[str, OrthogonalArray]:
     return {name: OrthogonalArray(name, levels) for name, levels in made}
 
 
-def array_for(counts: Sequence[int], wanted: str | None = None) -> tuple[OrthogonalArray, tuple[int, ...]]:
+def array_for(counts: Sequence[int], name: str | None = None) -> tuple[OrthogonalArray, tuple[int, ...]]:
     """Return the smallest array with a column for each factor of so many levels, and the columns, from 0.
 
-    `wanted` names an array, `L18`, or one of its forms, `L18 (6^1 3^6)`. Raises ValueError where none holds the
-    factors.
+    name : of an array, `L18`, or of one of its forms, `L18 (6^1 3^6)`
+
+    Raises ValueError where none holds the factors.
     """
-    named = {
-        name: one for name, one in arrays().items() if wanted is None or wanted in (name, name.split()[0])
-    }
+    named = [one for one in arrays().values() if name is None or name in (one.name, one.name.split()[0])]
     if not named:
-        raise ValueError(f"There is no array {wanted}; there are {', '.join(arrays())}.")
-    for one in sorted(named.values(), key=lambda a: len(a.levels)):
-        columns = _columns_for(counts, one.counts)
-        if columns is not None:
-            return one, columns
-    asked = ", ".join(f"{n} of {levels}" for levels, n in sorted(Counter(counts).items()))
+        raise ValueError(f"There is no array {name}; there are {', '.join(arrays())}.")
+    for one in sorted(named, key=lambda array: len(array.levels)):
+        free = dict(enumerate(one.counts))
+        chosen = []
+        for count in counts:
+            column = next((column for column, levels in free.items() if levels == count), None)
+            if column is not None:
+                chosen.append(column)
+                del free[column]
+        if len(chosen) == len(counts):
+            return one, tuple(chosen)
+    levels = ", ".join(f"{n} of {levels}" for levels, n in sorted(Counter(counts).items()))
     raise ValueError(
-        f"{wanted or 'No array up to L36'} has no columns for these factors by their levels: {asked}."
+        f"{name or 'No array up to L36'} has no columns for these factors by their levels: {levels}."
     )
-
-
-def _columns_for(counts: Sequence[int], columns: Sequence[int]) -> tuple[int, ...] | None:
-    free = list(range(len(columns)))
-    chosen = []
-    for count in counts:
-        column = next((c for c in free if columns[c] == count), None)
-        if column is None:
-            return None
-        free.remove(column)
-        chosen.append(column)
-    return tuple(chosen)
 
 
 def _digits(base: int, order: int) -> Levels:
     """Return all words of `order` digits, the first one slowest: (base ** order, order)."""
     return np.array(list(itertools.product(range(base), repeat=order)))
-
-
-def _of_two_levels(order: int) -> Levels:
-    """Return the array of 2 ** order runs; column number c is the sum of the digits that c has as bits."""
-    digits = _digits(2, order)
-    numbers = range(1, 2**order)
-    weights = np.array([[number >> bit & 1 for bit in range(order)] for number in numbers])
-    levels: Levels = digits @ weights.T % 2
-    return levels
 
 
 def _linear(base: int, order: int) -> Levels:
@@ -142,7 +127,7 @@ FOURS = {
 
 def _with_four_levels(order: int, count: int) -> Levels:
     """Return an array of 2 ** order runs: `count` columns of four levels, then the remaining ones of two."""
-    two, pairs = _of_two_levels(order), FOURS[order][:count]
+    two, pairs = _linear(2, order), FOURS[order][:count]
     used = {number for a, b in pairs for number in (a, b, a ^ b)}
     four = [two[:, a - 1] * 2 + two[:, b - 1] for a, b in pairs]
     left = [two[:, number - 1] for number in range(1, 2**order) if number not in used]
@@ -179,44 +164,39 @@ class Fraction:
     def runs(self) -> int:
         return int(2 ** (self.factors - len(self.generators)))
 
-    def coded(self) -> NDArray[np.float64]:
+    def coded(self) -> Coded:
         """Return the settings as −1 and 1: (runs, factors); the first base factor is the slowest."""
-        made = {one for one, _, _ in self.generators}
-        base = [one for one in range(self.factors) if one not in made]
+        generated = {factor for factor, _, _ in self.generators}
+        base = [factor for factor in range(self.factors) if factor not in generated]
         settings = np.empty((self.runs, self.factors))
         settings[:, base] = list(itertools.product((-1.0, 1.0), repeat=len(base)))
-        for one, word, sign in self.generators:
-            settings[:, one] = sign * settings[:, sorted(word)].prod(axis=1)
+        for factor, word, sign in self.generators:
+            settings[:, factor] = sign * settings[:, sorted(word)].prod(axis=1)
         return settings
 
     def defining_words(self) -> dict[Word, int]:
         """Return every word that is constant over the fraction, with its sign."""
         words: dict[Word, int] = {frozenset(): 1}
-        for one, word, sign in self.generators:
-            words |= {known ^ word ^ {one}: s * sign for known, s in words.items()}
+        for factor, word, sign in self.generators:
+            words |= {known ^ word ^ {factor}: s * sign for known, s in words.items()}
         del words[frozenset()]
         return words
 
     @property
     def resolution(self) -> int | None:
         """Length of the shortest defining word; None for the whole factorial."""
-        return min((len(word) for word in self.defining_words()), default=None)
+        return min(map(len, self.defining_words()), default=None)
 
     def aliases(self, order: int = 2) -> list[tuple[tuple[Word, int], ...]]:
         """Return the groups of effects up to `order` factors that cannot be separated, each with its sign."""
         words = self.defining_words()
         groups, seen = [], set()
         for effect in _effects(self.factors, order):
-            if effect in seen:
-                continue
-            same = [
-                (effect, 1),
-                *((effect ^ word, sign) for word, sign in words.items() if len(effect ^ word) <= order),
-            ]
-            same = [one for one in same if one[0]]
-            seen |= {one for one, _ in same}
-            if len(same) > 1:
-                groups.append(tuple(sorted(same, key=lambda one: (len(one[0]), sorted(one[0])))))
+            group = [(effect, 1), *((effect ^ word, sign) for word, sign in words.items())]
+            group = [(other, sign) for other, sign in group if 0 < len(other) <= order]
+            if effect not in seen and len(group) > 1:
+                groups.append(tuple(sorted(group, key=lambda alias: (len(alias[0]), sorted(alias[0])))))
+            seen |= {other for other, _ in group}
         return groups
 
 
@@ -228,28 +208,25 @@ def letters_of(word: Word) -> str:
 def fraction_of(factors: int, generators: Sequence[str]) -> Fraction:
     """Return the fraction that generators such as `D = ABC` or `E=-AB` define.
 
-    Raises ValueError where one is none, sets a factor twice, or leans on a factor that is set itself.
+    Raises ValueError for another text, or where a factor is generated twice or by a factor that is generated itself.
     """
     known = LETTERS[:factors]
-    read = []
+    found: dict[int, tuple[Word, int]] = {}
     for text in generators:
         match = re.fullmatch(r"([A-Z])=([+-]?)([A-Z]{2,})", text.upper().replace(" ", ""))
         if not match or not set(match[1] + match[3]) <= set(known) or len(set(match[3])) < len(match[3]):
             raise ValueError(
                 f"{text!r} is no generator: a letter of {known[0]} to {known[-1]}, =, and others: D = ABC."
             )
-        read.append(
-            (known.index(match[1]), frozenset(known.index(c) for c in match[3]), -1 if match[2] == "-" else 1)
-        )
-    made = [one for one, _, _ in read]
-    for one, word, _ in read:
-        if made.count(one) > 1:
-            raise ValueError(f"{LETTERS[one]} has two generators.")
-        if leaning := word & set(made):
-            raise ValueError(
-                f"The generator of {LETTERS[one]} leans on {letters_of(leaning)}, which is generated itself."
-            )
-    return Fraction(factors, tuple(read))
+        factor = known.index(match[1])
+        if factor in found:
+            raise ValueError(f"{match[1]} has two generators.")
+        found[factor] = frozenset(map(known.index, match[3])), -1 if match[2] == "-" else 1
+    for factor, (word, _) in found.items():
+        if generated := word & set(found):
+            letters = letters_of(generated)
+            raise ValueError(f"The generator of {LETTERS[factor]} uses {letters}, which is generated itself.")
+    return Fraction(factors, tuple((factor, word, sign) for factor, (word, sign) in found.items()))
 
 
 def fraction_for(factors: int, resolution: int) -> Fraction:
@@ -260,28 +237,16 @@ def fraction_for(factors: int, resolution: int) -> Fraction:
     if resolution < 3:
         raise ValueError("Below resolution 3 main effects are aliases of each other.")
     for base in range(2, factors):
-        words = [
-            frozenset(word)
-            for size in range(resolution - 1, base + 1)
-            for word in itertools.combinations(range(base), size)
-        ]
-        best = None
-        for wanted in range(resolution, base + 2):
-            found = _search(factors, base, wanted, words)
-            if found is None:
-                break
-            best = found
-        if best is not None:
-            return best
+        for least in range(base + 1, resolution - 1, -1):
+            if found := _search(factors, base, least):
+                return found
     return Fraction(factors, ())
 
 
-def _search(factors: int, base: int, resolution: int, words: Sequence[Word]) -> Fraction | None:
+def _search(factors: int, base: int, resolution: int) -> Fraction | None:
     """Return a fraction with factors from `base` on generated, no defining word shorter than `resolution`."""
-    # Longer generators first: they make longer words.
-    order = sorted(
-        (word for word in words if len(word) >= resolution - 1), key=lambda word: (-len(word), sorted(word))
-    )
+    sizes = range(base, resolution - 2, -1)  # longer generators first: they make longer words
+    order = [frozenset(word) for size in sizes for word in itertools.combinations(range(base), size)]
 
     def extended(chosen: tuple[int, ...], defining: frozenset[Word]) -> tuple[int, ...] | None:
         if len(chosen) == factors - base:
@@ -304,30 +269,26 @@ def hiding_words(factors: int, count: int) -> tuple[Word, ...]:
 
     Box, Hunter and Hunter (2005), chapter 5. None where a main effect would be hidden.
     """
-    every = [word for word in _effects(factors, factors) if len(word) > 1]
+    words = [word for word in _effects(factors, factors) if len(word) > 1]
 
-    def extended(chosen: tuple[Word, ...], hidden: frozenset[Word], least: int) -> tuple[Word, ...] | None:
+    def extended(chosen: tuple[Word, ...], hidden: frozenset[Word], least: int) -> tuple[Word, ...]:
         if len(chosen) == count:
             return chosen
-        for word in every:
+        for word in words:
             new = {known ^ word for known in hidden} | {word}
-            fits = word not in hidden and all(len(one) >= least for one in new)
+            fits = word not in hidden and min(map(len, new)) >= least
             if fits and (found := extended((*chosen, word), hidden | new, least)):
                 return found
-        return None
+        return ()
 
-    for least in range(factors, 1, -1):
-        if found := extended((), frozenset(), least):
-            return found
-    return ()
+    found = (extended((), frozenset(), least) for least in range(factors, 1, -1))
+    return next(filter(None, found), ())
 
 
 def _effects(factors: int, order: int) -> Iterator[Word]:
     for size in range(1, order + 1):
         yield from map(frozenset, itertools.combinations(range(factors), size))
 
-
-Coded = NDArray[np.float64]
 
 BOX_BEHNKEN = {
     3: ("12", "13", "23"),
@@ -360,18 +321,13 @@ def central_composite(factors: int, alpha: float | str = "face") -> Coded:
 
     The cube is the smallest fraction of resolution 5. `alpha` is a distance, `face` (1) or `rotatable` (fourth root
     of the runs of the cube); where it is beyond 1 everything is scaled so that the axial points are at ± 1: bounds
-    of a factor are bounds of what is run. Raises ValueError below two factors or for an alpha that is none.
+    of a factor are bounds of the runs. Raises ValueError below two factors or for another alpha.
     """
     if factors < 2:
         raise ValueError("A central composite design has at least 2 factors.")
     cube = fraction_for(factors, 5).coded()
-    if alpha == "face":
-        distance = 1.0
-    elif alpha == "rotatable":
-        distance = len(cube) ** 0.25
-    elif not isinstance(alpha, str) and 0 < alpha < 10:
-        distance = float(alpha)
-    else:
+    distance = {"face": 1.0, "rotatable": len(cube) ** 0.25}.get(alpha) if isinstance(alpha, str) else alpha
+    if distance is None or not 0 < distance < 10:
         raise ValueError(f"alpha is face, rotatable or a distance up to 10, not {alpha!r}.")
     axial = np.repeat(np.eye(factors), 2, axis=0) * np.tile([-distance, distance], factors)[:, None]
     return np.vstack([cube, axial]) / max(1.0, distance)

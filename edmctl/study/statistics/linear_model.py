@@ -10,6 +10,7 @@ row of its own, and the factor is compared with that row instead of the error (m
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -27,16 +28,24 @@ Term = tuple[tuple[str, int], ...]
 MEAN: Term = ()
 BLOCK = "block"
 """The factor that runs of one machine or tool share beside their settings."""
+ERROR = "error"
+MOST_P = 0.05
+"""A product of a factor and the blocks has a row below this probability, shared among all that are tried."""
+LEAST_ERROR_DOF = 3
+EXACT = 1e-20
+"""An error of so small a share of the sum of squares is rounding."""
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What was run, by factor: numbers coded to −1 … 1, and names of categories, one value a run."""
+    """Settings of runs by factor: numbers coded to −1 … 1, and names of categories, one value a run.
+
+    names : all names of each category, in the order of the design; the effect of the last follows from the others
+    """
 
     numbers: Mapping[str, ArrayLike] = field(default_factory=dict)
     categories: Mapping[str, Sequence[object]] = field(default_factory=dict)
     names: Mapping[str, Sequence[object]] = field(default_factory=dict)
-    """All names of each category, in the order of the design; the effect of the last one follows from the others."""
 
     @property
     def runs(self) -> int:
@@ -51,7 +60,7 @@ class Settings:
         )
 
     def columns(self, factor: str, power: int) -> Array:
-        """Return what a factor puts into a term: (runs, 1), or (runs, names − 1) of a category."""
+        """Return the columns of a factor in a term: (runs, 1), or (runs, names − 1) of a category."""
         if factor in self.numbers:
             return np.asarray(self.numbers[factor], float)[:, None] ** power
         names = list(self.names[factor])
@@ -82,7 +91,7 @@ def term_name(term: Term) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ModelMatrix:
-    """Columns (runs, columns) of a linear model, and which of them belong to which term."""
+    """Columns (runs, columns) of a linear model, and the columns of each term."""
 
     columns: Array
     spans: Mapping[Term, slice]
@@ -99,22 +108,21 @@ def model_matrix(settings: Settings, terms: Sequence[Term]) -> ModelMatrix:
     for term in terms:
         block = np.ones((settings.runs, 1))
         for factor, power in term:
-            own = settings.columns(factor, power)
-            block = (block[:, :, None] * own[:, None, :]).reshape(len(block), -1)
+            columns = settings.columns(factor, power)
+            block = (block[:, :, None] * columns[:, None, :]).reshape(len(block), -1)
         blocks.append(block)
         spans[term] = slice(end, end := end + block.shape[1])
     return ModelMatrix(np.hstack(blocks), spans)
 
 
 def undetermined(model: ModelMatrix) -> list[Term]:
-    """Return the terms that add less than all of their columns to the terms before them."""
-    rank, found = 0, []
-    for term, span in model.spans.items():
-        known = int(np.linalg.matrix_rank(model.columns[:, : span.stop]))
-        if known - rank < span.stop - span.start:
-            found.append(term)
-        rank = known
-    return found
+    """Return the terms with a column that the terms before them determine."""
+    ranks = [int(np.linalg.matrix_rank(model.columns[:, : span.stop])) for span in model.spans.values()]
+    return [
+        term
+        for term, before, rank in zip(model.spans, [0, *ranks], ranks, strict=False)
+        if rank - before < model.dof(term)
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,13 +138,7 @@ class Fit:
     @property
     def error_variance(self) -> float:
         """Variance of the error; NaN if no degrees of freedom are left to estimate it."""
-        return float(self.ols.mse_resid) if self.ols.df_resid else float("nan")
-
-    @property
-    def predicted_r2(self) -> float:
-        """Share of the variation that is predicted of runs left out one by one (PRESS); NaN if a run is needed."""
-        left_out = self.left_out_residuals
-        return 1 - float(left_out @ left_out) / float(self.ols.centered_tss)
+        return float(self.ols.mse_resid) if self.ols.df_resid else math.nan
 
     @property
     def left_out_residuals(self) -> Array:
@@ -144,6 +146,12 @@ class Fit:
         influence = self.ols.get_influence()
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(influence.hat_matrix_diag < 1 - 1e-9, influence.resid_press, np.nan)
+
+    @property
+    def predicted_r2(self) -> float:
+        """Share of the variation that is predicted of runs left out one by one (PRESS); NaN if a run is needed."""
+        left_out = self.left_out_residuals
+        return 1 - float(left_out @ left_out) / float(self.ols.centered_tss)
 
     def adjusted_ss(self, term: Term) -> float:
         """Return what a term explains beyond all other terms (type III sum of squares)."""
@@ -167,67 +175,38 @@ def fit(model: ModelMatrix, response: ArrayLike) -> Fit:
 
 
 @dataclass(frozen=True, slots=True)
-class LackOfFit:
-    """Whether a model misses more than runs at the same settings differ."""
-
-    dof: int
-    ss: float
-    pure_dof: int
-    pure_ss: float
-
-    @property
-    def f(self) -> float:
-        """Ratio of the variances; NaN where either has no degrees of freedom."""
-        if not self.dof or not self.pure_dof or not self.pure_ss:
-            return float("nan")
-        return (self.ss / self.dof) / (self.pure_ss / self.pure_dof)
-
-    @property
-    def p(self) -> float:
-        """Probability of such a ratio where the model is right."""
-        from scipy import special
-
-        return float(special.fdtrc(self.dof, self.pure_dof, self.f))
-
-
-ERROR = "error"
-STANDS_OUT = 0.05
-"""A product of a factor and the blocks has a row below this probability, shared among all that are tried."""
-LEAST_ERROR_DOF = 3
-EXACT = 1e-20
-"""An error of so small a share of the sum of squares is rounding."""
-
-
-@dataclass(frozen=True, slots=True)
 class AnovaRow:
-    """One line of the table; NaN for what the runs do not determine."""
+    """One line of the table; NaN for what the runs do not determine.
+
+    sequential_ss : explained beyond the terms above; adjusted_ss : explained beyond all other terms
+    contribution_pct : share of the total sum of squares, by the sequential one
+    pure_pct : the same less what error alone would put there (Taguchi's ρ)
+    against : the row that F compares with
+    """
 
     name: str
     dof: int
     sequential_ss: float
-    """Explained beyond the terms above."""
     adjusted_ss: float
-    """Explained beyond all other terms."""
     mean_square: float
     f: float
     p: float
     contribution_pct: float
-    """Share of the total sum of squares, by the sequential one."""
     pure_pct: float
-    """The same less what error alone would put there (Taguchi's ρ)."""
     against: str = ERROR
-    """The row that F compares with."""
 
 
 @dataclass(frozen=True, slots=True)
 class Anova:
-    """The table: a row a term, the error and the total."""
+    """The table: a row a term, the error and the total.
+
+    pooled : terms that were counted as error, weakest first
+    """
 
     rows: tuple[AnovaRow, ...]
     error: AnovaRow
     total: AnovaRow
     pooled: tuple[str, ...] = ()
-    """Terms that were counted as error, weakest first."""
 
     def under(self, name: str) -> AnovaRow:
         """Return the row that F of a term compares with; the error for a name that has no row."""
@@ -261,20 +240,31 @@ def anova(
     model = model_matrix(settings, [*(term for term in terms if term not in pooled), *by_block])
     fitted = fit(model, response)
     explained = (np.linalg.qr(model.columns)[0].T @ fitted.ols.model.endog) ** 2
-    total_ss, nan = float(fitted.ols.centered_tss), float("nan")
+    total_ss, error_ss = float(fitted.ols.centered_tss), float(fitted.ols.ssr)
+
+    def percent(ss: float) -> float:
+        return 100 * ss / total_ss if total_ss else math.nan
+
     of_error = ERROR, int(fitted.ols.df_resid), fitted.error_variance
-    compared = {}
-    for product in by_block:
-        dof = model.dof(product)
-        compared[product[:1]] = (term_name(product), dof, fitted.adjusted_ss(product) / dof)
+    compared = {
+        product[:1]: (
+            term_name(product),
+            model.dof(product),
+            fitted.adjusted_ss(product) / model.dof(product),
+        )
+        for product in by_block
+    }
     rows = []
     for term, span in model.spans.items():
         if term == MEAN:
             continue
         against, rest_dof, rest_ms = compared.get(term, of_error)
-        dof, sequential_ss = model.dof(term), float(explained[span].sum())
-        adjusted_ss = fitted.adjusted_ss(term)
-        f = adjusted_ss / dof / rest_ms if rest_dof and rest_ms else nan
+        dof, sequential_ss, adjusted_ss = (
+            model.dof(term),
+            float(explained[span].sum()),
+            fitted.adjusted_ss(term),
+        )
+        f = adjusted_ss / dof / rest_ms if rest_dof and rest_ms else math.nan
         rows.append(
             AnovaRow(
                 name=term_name(term),
@@ -283,46 +273,42 @@ def anova(
                 adjusted_ss=adjusted_ss,
                 mean_square=adjusted_ss / dof,
                 f=f,
-                p=float(special.fdtrc(dof, rest_dof, f)) if rest_dof else nan,
-                contribution_pct=100 * sequential_ss / total_ss if total_ss else nan,
-                pure_pct=100 * (sequential_ss - dof * rest_ms) / total_ss if total_ss else nan,
+                p=float(special.fdtrc(dof, rest_dof, f)) if rest_dof else math.nan,
+                contribution_pct=percent(sequential_ss),
+                pure_pct=percent(sequential_ss - dof * rest_ms),
                 against=against,
             )
         )
-    error_ss = float(fitted.ols.ssr)
-    error_pct = 100 * error_ss / total_ss if total_ss else nan
-    pure_pct = 100 - sum(row.pure_pct for row in rows)
-    error = AnovaRow(ERROR, of_error[1], error_ss, error_ss, of_error[2], nan, nan, error_pct, pure_pct)
-    total_dof = len(fitted.ols.resid) - 1
-    total = AnovaRow("total", total_dof, total_ss, total_ss, nan, nan, nan, 100.0, 100.0)
-    return Anova(tuple(rows), error, total, tuple(term_name(term) for term in pooled))
+    nan, pure_pct = math.nan, 100 - sum(row.pure_pct for row in rows)
+    error = AnovaRow(*of_error[:2], error_ss, error_ss, of_error[2], nan, nan, percent(error_ss), pure_pct)
+    total = AnovaRow("total", len(fitted.ols.resid) - 1, total_ss, total_ss, nan, nan, nan, 100.0, 100.0)
+    return Anova(tuple(rows), error, total, tuple(map(term_name, pooled)))
 
 
 def differing(settings: Settings, terms: Sequence[Term], response: ArrayLike) -> list[Term]:
-    """Return products of a factor and the blocks that stand out of the error, the strongest first.
+    """Return products of a factor and the blocks that exceed the error, the strongest first.
 
-    They are taken one by one while the probability is below `STANDS_OUT` over the number of factors, so that chance
+    They are taken one by one while the probability is below `MOST_P` over the number of factors, so that chance
     takes out of the error no more often than that, and while the error keeps `LEAST_ERROR_DOF`.
     """
     factors = [term for term in terms if len(term) == 1 and term[0][1] == 1 and term[0][0] != BLOCK]
-    left: list[Term] = [(*term, (BLOCK, 1)) for term in factors] if ((BLOCK, 1),) in terms else []
-    found: list[Term] = []
-    most_p = STANDS_OUT / max(1, len(left))
+    untried: list[Term] = [(*term, (BLOCK, 1)) for term in factors] if ((BLOCK, 1),) in terms else []
+    chosen: list[Term] = []
+    most_p = MOST_P / max(1, len(untried))
     before = fit(model_matrix(settings, terms), response)
-    while left and before.ols.ssr > EXACT * before.ols.centered_tss:
+    while untried and before.ols.ssr > EXACT * before.ols.centered_tss:
         tried = []
-        for product in left:
-            model = model_matrix(settings, [*terms, *found, product])
+        for product in untried:
+            model = model_matrix(settings, [*terms, *chosen, product])
             if len(before.ols.resid) - model.columns.shape[1] >= LEAST_ERROR_DOF and not undetermined(model):
-                with_it = fit(model, response)
-                tried.append((float(with_it.ols.compare_f_test(before.ols)[1]), product, with_it))
-        p, product, with_it = min(tried, key=lambda one: one[0], default=(1.0, MEAN, before))
+                fitted = fit(model, response)
+                tried.append((float(fitted.ols.compare_f_test(before.ols)[1]), product, fitted))
+        p, product, before = min(tried, key=lambda trial: trial[0], default=(1.0, MEAN, before))
         if p >= most_p:
             break
-        found.append(product)
-        left.remove(product)
-        before = with_it
-    return found
+        chosen.append(product)
+        untried.remove(product)
+    return chosen
 
 
 def pooled_anova(
@@ -335,11 +321,10 @@ def pooled_anova(
     for the confirmation run, no proof.
     """
     whole = anova(settings, terms, response, by_block=by_block)
-    model = model_matrix(settings, terms)
-    strength = {row.name: row.adjusted_ss / row.dof for row in whole.rows}
-    held = {MEAN, *(product[:1] for product in by_block)}
+    rows = {row.name: row for row in whole.rows}
+    kept = {MEAN, *(product[:1] for product in by_block)}
     weakest_first = sorted(
-        (term for term in terms if term not in held), key=lambda term: strength[term_name(term)]
+        (term for term in terms if term not in kept), key=lambda term: rows[term_name(term)].mean_square
     )
     pooled: list[Term] = []
     dof = whole.error.dof
@@ -347,5 +332,5 @@ def pooled_anova(
         if dof * 2 >= whole.total.dof:
             break
         pooled.append(term)
-        dof += model.dof(term)
+        dof += rows[term_name(term)].dof
     return anova(settings, terms, response, pooled, by_block)

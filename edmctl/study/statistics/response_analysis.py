@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +24,6 @@ from edmctl.study.statistics.linear_model import (
     BLOCK,
     Anova,
     Fit,
-    LackOfFit,
     Settings,
     Term,
     anova,
@@ -37,6 +36,12 @@ from edmctl.study.statistics.linear_model import (
 )
 
 Better = Literal["larger", "smaller", "nominal"]
+
+MOST_LEVELS = 8
+"""Factors with more different values are a range, without means by level."""
+MOST_PAIRS = 15
+STATED_DOF = 1_000_000
+"""Degrees of freedom of a stated uncertainty."""
 
 
 def signal_to_noise_db(values: ArrayLike, better: Better) -> float:
@@ -54,19 +59,21 @@ def signal_to_noise_db(values: ArrayLike, better: Better) -> float:
             ratio = 1 / np.mean(y**2)
         else:
             ratio = np.mean(y) ** 2 / np.var(y, ddof=1) if len(y) > 1 else np.nan
-        decibel = 10 * np.log10(ratio)
-    return float(decibel) if np.isfinite(decibel) else float("nan")
+        decibel = float(10 * np.log10(ratio))
+    return decibel if math.isfinite(decibel) else math.nan
 
 
 @dataclass(frozen=True, slots=True)
 class LevelMeans:
-    """Means of a response at the levels of one factor: a row of the response table."""
+    """Means of a response at the levels of one factor: a row of the response table.
+
+    rank : 1 has the largest delta
+    """
 
     factor: str
     levels: tuple[object, ...]
     means: tuple[float, ...]
     rank: int
-    """1 has the largest delta."""
 
     @property
     def delta(self) -> float:
@@ -74,29 +81,33 @@ class LevelMeans:
         return max(self.means) - min(self.means)
 
 
-def response_table(levels: Mapping[str, Sequence[object]], response: ArrayLike) -> list[LevelMeans]:
+def response_table(
+    levels: Mapping[str, Sequence[object]],
+    response: ArrayLike,
+    names: Mapping[str, Sequence[object]] | None = None,
+) -> list[LevelMeans]:
     """Return the means of `response` by level; `levels` has, by factor, the level of each run."""
     values = np.asarray(response, float)
-    means = {}
+    table = []
     for factor, of_runs in levels.items():
-        found = np.asarray(of_runs)
-        distinct = np.unique(found).tolist() if found.dtype.kind in "iuf" else list(dict.fromkeys(of_runs))
-        means[factor] = (tuple(distinct), tuple(float(values[found == level].mean()) for level in distinct))
-    spread = {factor: max(m) - min(m) for factor, (_, m) in means.items()}
-    order = sorted(spread, key=lambda factor: -spread[factor])
-    return [LevelMeans(factor, *means[factor], order.index(factor) + 1) for factor in levels]
+        distinct = _in_order(of_runs, (names or {}).get(factor, ()))
+        is_level = [np.array([level == other for other in of_runs]) for level in distinct]
+        table.append(LevelMeans(factor, distinct, tuple(float(values[of].mean()) for of in is_level), 0))
+    order = sorted(table, key=lambda row: -row.delta)
+    return [replace(row, rank=order.index(row) + 1) for row in table]
 
 
-MOST_LEVELS = 8
-"""Factors with more different values are a range, without means by level."""
-MOST_PAIRS = 15
-MANY = 1_000_000
-"""Degrees of freedom of what is stated, not estimated."""
+def _in_order(levels: Sequence[object], names: Sequence[object]) -> tuple[object, ...]:
+    """Return the different levels: numbers by size, others as in `names`, or as they come."""
+    distinct = list(dict.fromkeys(levels))
+    if all(isinstance(level, int | float) and not isinstance(level, bool) for level in distinct):
+        return tuple(sorted(distinct))  # type: ignore[type-var]
+    return tuple(sorted(distinct, key=list(names).index) if set(distinct) <= set(names) else distinct)
 
 
 @dataclass(frozen=True, slots=True)
 class Runs:
-    """What was run, a row a run: settings as the model takes them, plain values, and what runs have in common.
+    """Runs, a row each: settings as the model takes them, plain values, and what runs have in common.
 
     points : equal where the settings are
     blocks : equal on one machine or tool
@@ -129,7 +140,7 @@ class Runs:
 
 @dataclass(frozen=True, slots=True)
 class Interaction:
-    """Means of a response at the levels of two factors: (levels of one, levels of other), NaN where none was run."""
+    """Means of a response at the levels of two factors: (levels of one, levels of other), NaN without a run."""
 
     one: str
     other: str
@@ -146,6 +157,29 @@ class Coefficient:
     estimate: float
     u95: float
     p: float
+
+
+@dataclass(frozen=True, slots=True)
+class LackOfFit:
+    """Comparison of what a model misses with the differences of runs at the same settings.
+
+    f, p : ratio of the variances and its probability if the model is right; NaN without degrees of freedom
+    """
+
+    dof: int
+    ss: float
+    pure_dof: int
+    pure_ss: float
+
+    @property
+    def f(self) -> float:
+        if not self.dof or not self.pure_dof or not self.pure_ss:
+            return math.nan
+        return (self.ss / self.dof) / (self.pure_ss / self.pure_dof)
+
+    @property
+    def p(self) -> float:
+        return float(special.fdtrc(self.dof, self.pure_dof, self.f))
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,19 +216,19 @@ class ResponseModel:
         Raises ValueError for a category that the fit does not know.
         """
         # Settings name no block: a new machine is as others are on average.
-        own = [term for term in self.terms if not _is_block(term)]
-        matrix = model_matrix(replace(settings, names=self.names), own)
+        terms = [term for term in self.terms if not _is_block(term)]
+        matrix = model_matrix(replace(settings, names=self.names), terms)
         columns = np.zeros((settings.runs, self.fit.model.columns.shape[1]))
-        for term in own:
+        for term in terms:
             columns[:, self.fit.model.spans[term]] = matrix.columns[:, matrix.spans[term]]
         expected = columns @ self.fit.ols.params
         leverage = np.einsum("ij,jk,ik->i", columns, self.fit.ols.normalized_cov_params, columns)
         # Each miss is of a mean over the replicates of its point: the rest of a single run's error comes on top.
-        scatter, rest = self.scatter, 1 - 1 / self.replicates
+        scatter = self.scatter
         parts = [
             (self.miss_variance * (1 + leverage), self.miss_dof),
-            (np.full(len(leverage), np.nan_to_num(scatter.run_variance) * rest), scatter.run_dof),
-            (np.full(len(leverage), np.nan_to_num(scatter.block_variance)), scatter.block_dof),
+            (np.nan_to_num(scatter.run_variance) * (1 - 1 / self.replicates), scatter.run_dof),
+            (np.nan_to_num(scatter.block_variance), scatter.block_dof),
         ]
         half = np.sqrt(sum(special.stdtrit(dof, 0.975) ** 2 * variance for variance, dof in parts if dof))
         bounds = expected, expected - half, expected + half
@@ -261,10 +295,10 @@ class ResponseAnalysis:
             return None
         mean = values.mean()
         variance = max(scatter.run_variance, float(values.var(ddof=1))) * (1 + 1 / len(values))
-        half = special.stdtrit(scatter.run_dof, 1 - 0.025 / candidates) ** 2 * variance
+        square = special.stdtrit(scatter.run_dof, 1 - 0.025 / candidates) ** 2 * variance
         if scatter.block_dof:
-            half += special.stdtrit(scatter.block_dof, 0.975) ** 2 * scatter.block_variance
-        bounds = np.array([mean, mean - np.sqrt(half), mean + np.sqrt(half)])
+            square += special.stdtrit(scatter.block_dof, 0.975) ** 2 * scatter.block_variance
+        bounds = mean + np.array([0.0, -1.0, 1.0]) * np.sqrt(square)
         return tuple((np.exp(bounds) if self.is_log else bounds).tolist())
 
 
@@ -285,14 +319,14 @@ def analyse(
     """
     all_values = np.asarray(response, float)
     used = np.flatnonzero(np.isfinite(all_values)).tolist()
-    values = all_values[used]
-    notes: list[str] = []
+    values, runs = all_values[used], runs.only(used)
+    notes = []
     if len(used) < len(all_values):
         notes.append(f"{len(all_values) - len(used)} of {len(all_values)} runs have no value")
     if is_log and len(values) and values.min() <= 0:
         notes.append("values at or below zero have no logarithm: the plain values are modelled")
         is_log = False
-    base = ResponseAnalysis(
+    found = ResponseAnalysis(
         name=name,
         better=better,
         is_log=is_log,
@@ -302,116 +336,115 @@ def analyse(
         sd=float(values.std(ddof=1)) if len(values) > 1 else math.nan,
     )
     if len(used) < 2:
-        return replace(base, notes=(*notes, "fewer than two runs have a value"))
-    mine = runs.only(used)
-    base, of_levels = _with_level_means(base, mine, values)
-    notes += of_levels
+        return replace(found, notes=(*notes, "fewer than two runs have a value"))
+    found = replace(found, **_level_tables(runs, values, better, notes))
     if np.ptp(values) <= 1e-12 * max(1.0, float(np.abs(values).max())):
-        return replace(base, notes=(*notes, "all runs have the same value"))
-    own = np.full(len(values), math.nan) if u is None else np.asarray(u, float)[used]
-    alone = own / values if is_log else own
-    alone_variance = float(np.mean(alone**2)) if mine.is_one_machine else math.nan
-    logs = np.log(values) if is_log else values
-    return _with_model(replace(base, notes=tuple(notes)), mine, logs, list(terms), alone_variance)
+        return replace(found, notes=(*notes, "all runs have the same value"))
+    machine_variance = math.nan
+    if runs.is_one_machine and u is not None:
+        machine_variance = float(np.mean((np.asarray(u, float)[used] / (values if is_log else 1.0)) ** 2))
+    try:
+        model = _fitted(
+            runs, np.log(values) if is_log else values, terms, machine_variance, notes, is_log=is_log
+        )
+        found = replace(found, **model)
+    except ValueError as error:
+        notes.append(str(error).rstrip("."))
+    return replace(found, notes=tuple(notes))
 
 
-def _with_level_means(
-    base: ResponseAnalysis, runs: Runs, values: Array
-) -> tuple[ResponseAnalysis, list[str]]:
-    """Add means by level of the runs that are no centre runs; return what there is to note too."""
+def _level_tables(runs: Runs, values: Array, better: Better, notes: list[str]) -> dict[str, Any]:
+    """Return means by level of the runs that are no centre runs."""
     rows = [row for row, point in enumerate(runs.points) if point not in runs.others]
-    designed, values = runs.only(rows), values[rows]
-    counted = {factor: len(set(map(repr, of_runs))) for factor, of_runs in designed.plain.items()}
-    notes = [f"only one level of {factor} has a value" for factor, many in counted.items() if many == 1]
-    levels = {
-        factor: of_runs for factor, of_runs in designed.plain.items() if 1 < counted[factor] <= MOST_LEVELS
-    }
+    runs, values = runs.only(rows), values[rows]
+    counts = {factor: len(set(map(repr, of_runs))) for factor, of_runs in runs.plain.items()}
+    notes += [f"only one level of {factor} has a value" for factor, count in counts.items() if count == 1]
+    levels = {factor: runs.plain[factor] for factor, count in counts.items() if 1 < count <= MOST_LEVELS}
     if not levels:
-        return base, notes
-    points = designed.distinct
-    of_point = np.asarray(designed.points)
-    ratios = [signal_to_noise_db(values[of_point == point], base.better) for point in points]
-    noise = []
-    if np.isfinite(ratios).all():
-        first = [designed.points.index(point) for point in points]
-        noise = response_table({name: [of[row] for row in first] for name, of in levels.items()}, ratios)
-    found = replace(
-        base,
-        level_means=tuple(response_table(levels, values)),
-        noise_means=tuple(noise),
-        interactions=_interactions(levels, values),
-    )
-    return found, notes
+        return {}
+    names, points = runs.settings.names, np.asarray(runs.points)
+    ratios = [signal_to_noise_db(values[points == point], better) for point in runs.distinct]
+    first = [runs.points.index(point) for point in runs.distinct]
+    of_points = {factor: [of_runs[row] for row in first] for factor, of_runs in levels.items()}
+    noise = response_table(of_points, ratios, names) if np.isfinite(ratios).all() else []
+    interactions = []
+    for one, other in itertools.islice(itertools.combinations(levels, 2), MOST_PAIRS):
+        one_levels, other_levels = (_in_order(levels[name], names.get(name, ())) for name in (one, other))
+        cells: dict[tuple[object, object], list[float]] = {}
+        for a, b, value in zip(levels[one], levels[other], values, strict=True):
+            cells.setdefault((a, b), []).append(value)
+        means = tuple(
+            tuple(float(np.mean(cells.get((a, b), [math.nan]))) for b in other_levels) for a in one_levels
+        )
+        interactions.append(Interaction(one, other, one_levels, other_levels, means))
+    return {
+        "level_means": tuple(response_table(levels, values, names)),
+        "noise_means": tuple(noise),
+        "interactions": tuple(interactions),
+    }
 
 
-def _with_model(
-    base: ResponseAnalysis, runs: Runs, values: Array, terms: list[Term], alone_variance: float
-) -> ResponseAnalysis:
-    notes = list(base.notes)
-    settings = _named_by(runs.settings)
+def _fitted(
+    runs: Runs,
+    values: Array,
+    terms: Sequence[Term],
+    machine_variance: float,
+    notes: list[str],
+    *,
+    is_log: bool,
+) -> dict[str, Any]:
+    """Return the fields of an analysis that follow from the fitted model.
+
+    machine_variance : of the difference to another machine, if one machine made all runs
+    """
+    settings = _with_used_names(runs.settings)
     runs = replace(runs, settings=settings)
     terms = [term for term in terms if all(_varies(settings, factor) for factor, _ in term)]
     lost = undetermined(model_matrix(settings, terms))
     if lost:
         notes.append(f"left out, for these runs do not determine them: {', '.join(map(term_name, lost))}")
         terms = [term for term in terms if term not in lost]
-    try:
-        fitted = fit(model_matrix(settings, terms), values)
-        by_block = differing(settings, terms, values)
-        table = anova(settings, terms, values, by_block=by_block)
-        pooled = pooled_anova(settings, terms, values, by_block) if len(terms) > 2 else None
-    except ValueError as error:
-        return replace(base, notes=(*notes, str(error).rstrip(".")))
-    if not fitted.ols.df_resid:
+    fitted = fit(model_matrix(settings, terms), values)
+    by_block = differing(settings, terms, values)
+    table = anova(settings, terms, values, by_block=by_block)
+    pooled = pooled_anova(settings, terms, values, by_block) if len(terms) > 2 else None
+    error_dof = int(fitted.ols.df_resid)
+    if not error_dof:
         notes.append("nothing is left to estimate the error: no F of single terms, no interval")
     scatter = _scatter(fitted, runs, values)
-    if math.isfinite(alone_variance):
-        scatter = replace(scatter, block_variance=alone_variance, block_dof=MANY)
+    lack = None
+    if scatter.run_dof:  # the error beyond what runs of one point differ by
+        pure_ss = scatter.run_variance * scatter.run_dof
+        missed_ss = max(0.0, float(fitted.ols.ssr) - pure_ss)
+        lack = LackOfFit(error_dof - scatter.run_dof, missed_ss, scatter.run_dof, pure_ss)
+    if math.isfinite(machine_variance):
+        scatter = replace(scatter, block_variance=machine_variance, block_dof=STATED_DOF)
     held, left_out = _left_out_coverage(terms, runs, values)
-    return replace(
-        base,
-        anova=table,
-        pooled=pooled if pooled is not None and pooled.pooled else None,
-        coefficients=tuple(_coefficients(fitted, settings, table)),
-        r2=float(fitted.ols.rsquared),
-        adjusted_r2=float(fitted.ols.rsquared_adj) if fitted.ols.df_resid else math.nan,
-        predicted_r2=fitted.predicted_r2,
-        error_sd=math.sqrt(table.error.mean_square) if table.error.dof else math.nan,
-        lack=_lack(fitted, scatter),
-        fitted=tuple(fitted.ols.fittedvalues.tolist()),
-        residuals=tuple(fitted.ols.resid.tolist()),
-        block_effects=_block_effects(fitted, settings),
-        held=held,
-        left_out=left_out,
-        scatter=scatter,
-        model=_model(fitted, terms, runs, scatter, is_log=base.is_log),
-        notes=tuple(notes),
-    )
+    return {
+        "anova": table,
+        "pooled": pooled if pooled is not None and pooled.pooled else None,
+        "coefficients": tuple(_coefficients(fitted, settings, table)),
+        "r2": float(fitted.ols.rsquared),
+        "adjusted_r2": float(fitted.ols.rsquared_adj) if error_dof else math.nan,
+        "predicted_r2": fitted.predicted_r2,
+        "error_sd": math.sqrt(table.error.mean_square) if table.error.dof else math.nan,
+        "lack": lack,
+        "fitted": tuple(fitted.ols.fittedvalues.tolist()),
+        "residuals": tuple(fitted.ols.resid.tolist()),
+        "block_effects": _block_effects(fitted, settings),
+        "held": held,
+        "left_out": left_out,
+        "scatter": scatter,
+        "model": _model(fitted, terms, runs, scatter, is_log=is_log),
+    }
 
 
-def _block_effects(fitted: Fit, settings: Settings) -> dict[object, float]:
-    span = fitted.model.spans.get(((BLOCK, 1),))
-    if span is None:
-        return {}
-    effects = fitted.ols.params[span]
-    return dict(zip(settings.names[BLOCK], np.append(effects, -effects.sum()).tolist(), strict=True))
-
-
-def _lack(fitted: Fit, scatter: Scatter) -> LackOfFit | None:
-    """Split the error into what runs of one point differ by beyond their blocks, and what the model misses."""
-    if not scatter.run_dof:
-        return None
-    pure_ss = scatter.run_variance * scatter.run_dof
-    dof = int(fitted.ols.df_resid) - scatter.run_dof
-    return LackOfFit(dof, max(0.0, float(fitted.ols.ssr) - pure_ss), scatter.run_dof, pure_ss)
-
-
-def _named_by(settings: Settings) -> Settings:
-    """Settings whose categories name what is there alone: a name without runs has no effect to find."""
+def _with_used_names(settings: Settings) -> Settings:
+    """Return settings whose categories name only what was run: a name without runs has no effect to find."""
     names = {}
     for factor, of_runs in settings.categories.items():
-        there = set(map(repr, of_runs))
-        names[factor] = [name for name in settings.names[factor] if repr(name) in there]
+        used = set(map(repr, of_runs))
+        names[factor] = [name for name in settings.names[factor] if repr(name) in used]
     return replace(settings, names=names)
 
 
@@ -425,25 +458,33 @@ def _is_block(term: Term) -> bool:
     return any(factor == BLOCK for factor, _ in term)
 
 
+def _block_effects(fitted: Fit, settings: Settings) -> dict[object, float]:
+    span = fitted.model.spans.get(((BLOCK, 1),))
+    if span is None:
+        return {}
+    effects = fitted.ols.params[span]
+    return dict(zip(settings.names[BLOCK], np.append(effects, -effects.sum()).tolist(), strict=True))
+
+
 def _scatter(fitted: Fit, runs: Runs, values: Array) -> Scatter:
-    """Variances within points, by a model of points and blocks, and of a new block about the mean of the others.
+    """Return variances within points, by a model of points and blocks, and of a new block about the mean of others.
 
     The variance of blocks contains what the error adds to their means. A block of a single run is left out: its
     effect has the whole error of that run.
     """
     points, blocks = np.asarray(runs.points), np.asarray(runs.blocks)
-    columns = [points == one for one in runs.distinct]
-    columns += [blocks == one for one in list(dict.fromkeys(runs.blocks))[1:]]
+    columns = [points == point for point in runs.distinct]
+    columns += [blocks == block for block in list(dict.fromkeys(runs.blocks))[1:]]
     matrix = np.column_stack(columns).astype(float)
-    run_variance, run_dof = math.nan, len(values) - int(np.linalg.matrix_rank(matrix))
-    if len(runs.distinct) == len(points):
-        run_dof = 0
+    run_variance, run_dof = math.nan, 0
+    if len(runs.distinct) < len(points):
+        run_dof = len(values) - int(np.linalg.matrix_rank(matrix))
     if run_dof:
         rest = values - matrix @ np.linalg.lstsq(matrix, values, rcond=None)[0]
         run_variance = float(rest @ rest) / run_dof
-    named = list(runs.settings.categories.get(BLOCK, ()))
-    of_blocks = _block_effects(fitted, runs.settings)
-    effects = [effect for name, effect in of_blocks.items() if named.count(name) > 1]
+    names = list(runs.settings.categories.get(BLOCK, ()))
+    block_effects = _block_effects(fitted, runs.settings)
+    effects = [effect for name, effect in block_effects.items() if names.count(name) > 1]
     if len(effects) < 2:
         return Scatter(run_variance, run_dof, math.nan, 0)
     block_variance = float(np.var(effects, ddof=1)) * (1 + 1 / len(effects))
@@ -458,8 +499,7 @@ def _model(
     points, squares = np.asarray(runs.points), []
     for point in runs.distinct:
         rows = np.flatnonzero(points == point)
-        own = columns[rows]
-        hat = own @ covariance @ own.T
+        hat = columns[rows] @ covariance @ columns[rows].T
         rest = np.eye(len(rows)) - hat
         if np.linalg.matrix_rank(rest, tol=1e-9) < len(rows):
             continue  # the model needs the point
@@ -483,60 +523,38 @@ def _model(
 
 
 def _left_out_coverage(terms: Sequence[Term], runs: Runs, values: Array) -> tuple[int, int]:
-    """Points whose runs are within the interval of a model without them, and how many could be left out."""
+    """Return the number of points whose runs are within the interval of a model without them, and of all tried."""
     held = tried = 0
     points = np.asarray(runs.points)
     for point in runs.distinct:
-        own = points == point
-        rest = runs.only(np.flatnonzero(~own).tolist())
+        is_out = points == point
+        rest = runs.only(np.flatnonzero(~is_out).tolist())
         try:
-            fitted = fit(model_matrix(rest.settings, terms), values[~own])
-            model = _model(fitted, terms, rest, _scatter(fitted, rest, values[~own]), is_log=False)
+            fitted = fit(model_matrix(rest.settings, terms), values[~is_out])
+            model = _model(fitted, terms, rest, _scatter(fitted, rest, values[~is_out]), is_log=False)
             if model is None:
                 continue
-            _, low, high = model.predict(runs.settings.only(np.flatnonzero(own).tolist()))
+            _, low, high = model.predict(runs.settings.only(np.flatnonzero(is_out).tolist()))
         except (ValueError, np.linalg.LinAlgError):
             continue
         tried += 1
-        held += bool(((values[own] >= low) & (values[own] <= high)).all())
+        held += bool(((values[is_out] >= low) & (values[is_out] <= high)).all())
     return held, tried
 
 
 def _coefficients(fitted: Fit, settings: Settings, table: Anova) -> list[Coefficient]:
-    """Coefficients, each with the error that the table compares its term with."""
+    """Return the coefficients, each with the error that the table compares its term with."""
     unscaled = np.diag(fitted.ols.normalized_cov_params)
     found = []
     for term, span in fitted.model.spans.items():
         under = table.under(term_name(term))
-        errors = np.sqrt(unscaled * under.mean_square) if under.dof else np.full(len(unscaled), math.nan)
         quantile = float(special.stdtrit(under.dof, 0.975)) if under.dof else math.nan
         names = [list(settings.names[factor])[:-1] for factor, _ in term if factor in settings.categories]
-        levels = list(itertools.product(*names))
-        for n, column in enumerate(range(span.start, span.stop)):
-            name, estimate = term_name(term), float(fitted.ols.params[column])
-            if names:
-                name += f" [{', '.join(map(str, levels[n]))}]"
-            error = float(errors[column])
-            ratio = abs(estimate) / error if error else math.nan
-            p = 2 * float(special.stdtr(under.dof, -ratio)) if math.isfinite(ratio) else math.nan
+        levels = itertools.product(*names)
+        for column, level in zip(range(span.start, span.stop), levels, strict=True):
+            name = f"{term_name(term)} [{', '.join(map(str, level))}]" if level else term_name(term)
+            estimate = float(fitted.ols.params[column])
+            error = math.sqrt(unscaled[column] * under.mean_square) if under.dof else math.nan
+            p = 2 * float(special.stdtr(under.dof, -abs(estimate) / error)) if error > 0 else math.nan
             found.append(Coefficient(name, estimate, quantile * error, p))
     return found
-
-
-def _interactions(levels: Mapping[str, Sequence[object]], values: Array) -> tuple[Interaction, ...]:
-    found = []
-    for one, other in list(itertools.combinations(levels, 2))[:MOST_PAIRS]:
-        first, second = (_ordered(levels[name]) for name in (one, other))
-        cells: dict[tuple[object, object], list[float]] = {}
-        for pair, value in zip(zip(levels[one], levels[other], strict=True), values, strict=True):
-            cells.setdefault(pair, []).append(value)
-        means = tuple(tuple(float(np.mean(cells.get((a, b), [math.nan]))) for b in second) for a in first)
-        found.append(Interaction(one, other, first, second, means))
-    return tuple(found)
-
-
-def _ordered(values: Sequence[object]) -> tuple[object, ...]:
-    distinct = list(dict.fromkeys(values))
-    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in distinct):
-        return tuple(sorted(distinct, key=lambda value: float(value)))  # type: ignore[arg-type]
-    return tuple(distinct)

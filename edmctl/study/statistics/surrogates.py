@@ -19,7 +19,6 @@ several at a time by assuming that each comes out as predicted (kriging believer
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,17 +28,11 @@ from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass, field, replace
 from edmctl.start_up import one_blas_thread
 
-Trend = Literal["constant", "linear"]
-Purpose = Literal["feasibility", "improvement", "confirmation"]
-Constraints = Sequence[tuple[ArrayLike, float]]
-"""Values of each constraint, and the limit that what is expected of them may not exceed."""
-
 FEWEST_RUNS = 3
-MEDIAN_LENGTH, SPREAD_OF_LENGTH = 0.3, 1.0
-"""Of one factor's length scale, in its range, and of the logarithm of the length scale."""
-MEDIAN_SIGNAL, SPREAD_OF_SIGNAL = 1.0, 1.0
-MEDIAN_NOISE, SPREAD_OF_NOISE = float(np.exp(-2)), 1.0
-MEDIAN_BLOCK, SPREAD_OF_BLOCK = float(np.exp(-2)), 1.0
+MEDIAN_LENGTH = 0.3
+"""Of one factor's length scale, in its range."""
+MEDIAN_SIGNAL, MEDIAN_NOISE, MEDIAN_BLOCK = 1.0, float(np.exp(-2)), float(np.exp(-2))
+"""Standard deviations of the smooth deviation, of noise and of block effects. All logarithms have a spread of 1."""
 SD_OF_MEAN, SD_OF_SLOPE = 10.0, 5.0
 """Of the trend's coefficients, where factors go from −½ to ½."""
 SMALLEST_NOISE = 1e-3
@@ -47,234 +40,114 @@ DRAWS = 48
 WIDER = 1.3
 """Standard deviation of the draws to that of the normal approximation at the maximum."""
 STARTS = ((0.0, 0.0, 0.0), (-1.0, 0.5, -0.5), (1.0, -0.5, 1.5))
-"""Of length scales, signal and noise, in spreads of their priors."""
-CHUNK = 512
-"""Points predicted at a time."""
+"""Of length scales, signal and noise, from the medians of their priors."""
 
 
 @dataclass(slots=True)
-class GaussianProcess:
-    """A process fitted by `fit_process`, over k draws of hyperparameters, n runs and d factors."""
+class Prior:
+    """Covariances of n runs, by the logarithms of d length scales, of signal, noise and, with blocks, block effect.
+
+    points : (n, d)
+    blocks : number of the block of each run; None if runs are in none
+    has_slope : whether the trend is linear, not constant
+    least_noise : in the unit of standardised values
+    """
 
     points: Array
-    """(n, d)."""
-    values: Array
-    blocks: NDArray[np.int64]
-    """Number of the block of each run; empty where runs are in none."""
-    trend: Trend
-    centre: float
-    scale: float
-    """Mean and standard deviation that standardise the values and the hyperparameters below."""
-    weights: Array
-    """(k,), their sum is 1."""
-    lengths: Array
-    """(k, d)."""
-    signals: Array
-    noises: Array
-    block_effects: Array
-    """(k,) standard deviations."""
-    _whitening: Array = field(init=False)
-    """(k, n, n): inverse Cholesky factors of the covariance of the runs."""
-    _solved: Array = field(init=False)
-    """(k, n): inverse covariance times standardised values."""
-
-    def __post_init__(self) -> None:
-        columns = _trend(self.points, self.trend)
-        smooth = _matern(_squares(self.points, self.points), self.lengths)
-        whole = self.signals[:, None, None] ** 2 * smooth + columns @ columns.T
-        whole = whole + self.noises[:, None, None] ** 2 * np.eye(len(columns))
-        if len(self.blocks):
-            same = self.blocks[:, None] == self.blocks
-            whole = whole + self.block_effects[:, None, None] ** 2 * same
-        self._whitening = np.linalg.inv(np.linalg.cholesky(whole))
-        white = self._whitening @ ((self.values - self.centre) / self.scale)
-        self._solved = np.einsum("kij,ki->kj", self._whitening, white)
-
-    @property
-    def noise_sd(self) -> float:
-        """Standard deviation of a single run about the expected response of its block."""
-        return self.scale * float(np.sqrt(self.weights @ self.noises**2))
-
-    @property
-    def block_sd(self) -> float:
-        """Standard deviation of the effect of a block; 0 where runs are in none."""
-        return self.scale * float(np.sqrt(self.weights @ self.block_effects**2))
-
-    @one_blas_thread()
-    def predict(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Return the expected response at (m, d) points and its standard error, of a new block on average.
-
-        Neither contains the noise of a run nor the effect of the new block: see `noise_sd` and `block_sd`.
-        """
-        at = np.asarray(points, float).reshape(-1, self.points.shape[1])
-        chunks = [self._moments(at[start : start + CHUNK]) for start in range(0, len(at), CHUNK)]
-        if not chunks:
-            return np.empty(0), np.empty(0)
-        mean, sd = np.hstack([np.vstack(chunk) for chunk in chunks])
-        return mean, sd
-
-    @one_blas_thread()
-    def believing(self, points: ArrayLike) -> GaussianProcess:
-        """Return the process after runs at (m, d) points that came out as predicted, each in a block of its own.
-
-        Hyperparameters stay.
-        """
-        more = np.asarray(points, float).reshape(-1, self.points.shape[1])
-        blocks = self.blocks
-        if len(blocks):
-            blocks = np.hstack([blocks, blocks.max() + 1 + np.arange(len(more))])
-        values = np.hstack([self.values, self.predict(more)[0]])
-        return replace(self, points=np.vstack([self.points, more]), values=values, blocks=blocks)
-
-    def _moments(self, at: Array) -> tuple[Array, Array]:
-        trend, own = _trend(at, self.trend), _trend(self.points, self.trend)
-        smooth = _matern(_squares(at, self.points), self.lengths)
-        across = self.signals[:, None, None] ** 2 * smooth + trend @ own.T
-        means = np.einsum("kmn,kn->km", across, self._solved)
-        explained = ((across @ self._whitening.swapaxes(1, 2)) ** 2).sum(axis=2)
-        prior = self.signals[:, None] ** 2 + (trend**2).sum(axis=1)
-        mean = self.weights @ means
-        variance = self.weights @ (np.maximum(prior - explained, 0.0) + (means - mean) ** 2)
-        return self.centre + self.scale * mean, self.scale * np.sqrt(variance)
-
-
-@one_blas_thread()
-def fit_process(
-    points: ArrayLike,
-    values: ArrayLike,
-    noise_floor: float = 0.0,
-    *,
-    blocks: Sequence[object] | None = None,
-    trend: Trend = "linear",
-) -> GaussianProcess:
-    """Fit a process to one value at each of (n, d) points.
-
-    noise_floor : least standard deviation of a run, in the unit of the values
-    blocks : of each run the machine, tool or day that it shares with others
-
-    Raises ValueError below three runs, where a point or value is not finite, or where points, values and blocks are
-    not as many.
-    """
-    at = np.asarray(points, float)
-    measured = np.asarray(values, float)
-    if at.ndim != 2 or measured.shape != at.shape[:1] or (blocks is not None and len(blocks) != len(at)):
-        raise ValueError("Points are (runs, factors), with one value and at most one block a run.")
-    if len(at) < FEWEST_RUNS:
-        raise ValueError(f"A process needs at least {FEWEST_RUNS} runs, not {len(at)}.")
-    if not (np.isfinite(at).all() and np.isfinite(measured).all()):
-        raise ValueError("A process needs finite points and values: take runs out that failed.")
-    names = list(dict.fromkeys(blocks or ()))
-    numbers = np.array([names.index(one) for one in blocks or ()], np.int64)
-    centre, spread = float(measured.mean()), float(measured.std(ddof=1))
-    least = 1e-9 * max(1.0, abs(centre))  # values that are all equal are expected everywhere
-    scale = spread if spread > least else max(noise_floor, least)
-    posterior = _Posterior.of(at, (measured - centre) / scale, numbers, trend, noise_floor / scale)
-    draws, weights = _draws(posterior)
-    factors = at.shape[1]
-    return GaussianProcess(
-        points=at,
-        values=measured,
-        blocks=numbers,
-        trend=trend,
-        centre=centre,
-        scale=scale,
-        weights=weights,
-        lengths=np.exp(draws[:, :factors]),
-        signals=np.exp(draws[:, factors]),
-        noises=np.sqrt(np.exp(2 * draws[:, factors + 1]) + posterior.least_noise**2),
-        block_effects=np.exp(draws[:, factors + 2]) if len(numbers) else np.zeros(len(draws)),
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _Posterior:
-    """Density of the logarithms of length scales, signal, noise and, with blocks, the effect of a block."""
-
-    squares: Array
-    """(d, n, n) squared distances by factor."""
-    of_trend: Array
-    """(n, n) covariance."""
-    same_block: Array | None
-    values: Array
+    blocks: NDArray[np.int64] | None
+    has_slope: bool
     least_noise: float
-    centres: Array
-    spreads: Array
-    """Of the priors."""
 
-    @classmethod
-    def of(
-        cls, points: Array, values: Array, blocks: NDArray[np.int64], trend: Trend, noise_floor: float
-    ) -> _Posterior:
-        """Return the posterior density given standardised values."""
-        factors, columns = points.shape[1], _trend(points, trend)
-        medians = [MEDIAN_LENGTH * np.sqrt(factors)] * factors + [MEDIAN_SIGNAL, MEDIAN_NOISE, MEDIAN_BLOCK]
-        spreads = [SPREAD_OF_LENGTH] * factors + [SPREAD_OF_SIGNAL, SPREAD_OF_NOISE, SPREAD_OF_BLOCK]
-        size = factors + (3 if len(blocks) else 2)
-        return cls(
-            _squares(points, points),
-            columns @ columns.T,
-            (blocks[:, None] == blocks).astype(float) if len(blocks) else None,
-            values,
-            max(noise_floor, SMALLEST_NOISE),
-            np.log(medians[:size]),
-            np.array(spreads[:size]),
-        )
+    def covariance(self, logs: Array) -> Array:
+        """Return the covariances (k, n, n) of the runs with logarithms (k, parameters)."""
+        return np.asarray(self._parts(logs).sum(axis=0) + self._known())
 
-    def covariance(self, logs: Array) -> tuple[Array, Array]:
-        """Return the covariance (n, n) of the runs, and its derivatives by the logarithms (parameters, n, n)."""
-        factors, same = len(self.squares), np.eye(len(self.values))
-        inverse = np.exp(-2 * logs[:factors])
-        signal, noise = np.exp(2 * logs[factors]), np.exp(2 * logs[factors + 1])
-        distance = np.sqrt(5 * np.tensordot(inverse, self.squares, 1))
-        decay = signal * np.exp(-distance)
-        smooth = decay * (1 + distance + distance**2 / 3)
-        by_length = (5 / 3 * decay * (1 + distance)) * (inverse[:, None, None] * self.squares)
-        parts = [by_length, 2 * smooth[None], 2 * noise * same[None]]
-        whole = smooth + self.of_trend + (noise + self.least_noise**2) * same
-        if self.same_block is not None:
-            block = np.exp(2 * logs[factors + 2]) * self.same_block
-            whole = whole + block
-            parts.append(2 * block[None])
-        return whole, np.concatenate(parts)
+    def _known(self) -> Array:
+        """Return the covariance (n, n) of trend and least noise."""
+        trend = self.trend(self.points)
+        return trend @ trend.T + self.least_noise**2 * np.eye(len(trend))
 
-    def loss(self, logs: Array) -> tuple[float, Array]:
-        """Return the negative logarithm of the density, without constants, and its gradient."""
-        whole, by_parameter = self.covariance(logs)
+    def _parts(self, logs: Array) -> Array:
+        """Return the covariances (parts, k, n, n) of smooth deviation, noise and block effects."""
+        factors = self.points.shape[1]
+        parts = [self.smooth(self.points, logs)]
+        parts.append(np.exp(2 * logs[:, factors + 1])[:, None, None] * np.eye(len(self.points)))
+        if self.blocks is not None:
+            same_block = self.blocks[:, None] == self.blocks
+            parts.append(np.exp(2 * logs[:, factors + 2])[:, None, None] * same_block)
+        return np.array(parts)
+
+    def smooth(self, at: Array, logs: Array) -> Array:
+        """Return the covariances (k, m, n) of the smooth deviation between (m, d) points and the runs."""
+        distance = self._distance(at, logs)
+        matern = (1 + distance + distance**2 / 3) * np.exp(-distance)
+        return np.asarray(np.exp(2 * logs[:, self.points.shape[1]])[:, None, None] * matern)
+
+    def _squares(self, at: Array) -> Array:
+        """Return squared distances by factor: (d, m, n)."""
+        return np.asarray((at.T[:, :, None] - self.points.T[:, None, :]) ** 2)
+
+    def _distance(self, at: Array, logs: Array) -> Array:
+        """Return root 5 times the distances in length scales: (k, m, n)."""
+        inverse = np.exp(-2 * logs[:, : at.shape[1]])
+        return np.asarray(np.sqrt(5 * np.tensordot(inverse, self._squares(at), 1)))
+
+    def derivatives(self, logs: Array) -> tuple[Array, Array]:
+        """Return the covariance (n, n), and its derivatives by the logarithms (parameters, n, n)."""
+        factors = self.points.shape[1]
+        parts = self._parts(logs[None])[:, 0]
+        distance = self._distance(self.points, logs[None])[0]
+        slope = 5 / 3 * np.exp(2 * logs[factors]) * (1 + distance) * np.exp(-distance)
+        by_length = slope * np.exp(-2 * logs[:factors])[:, None, None] * self._squares(self.points)
+        return parts.sum(axis=0) + self._known(), np.concatenate([by_length, 2 * parts])
+
+    def trend(self, points: Array) -> Array:
+        """Return columns of the trend (n, terms), each scaled by the prior standard deviation of its coefficient."""
+        mean = np.full((len(points), 1), SD_OF_MEAN)
+        return np.hstack([mean, SD_OF_SLOPE * (points - 0.5)]) if self.has_slope else mean
+
+    @property
+    def medians(self) -> Array:
+        """Medians of the logarithms (parameters,)."""
+        factors = self.points.shape[1]
+        medians = [MEDIAN_LENGTH * factors**0.5] * factors + [MEDIAN_SIGNAL, MEDIAN_NOISE]
+        return np.log(medians + ([] if self.blocks is None else [MEDIAN_BLOCK]))
+
+    def loss(self, logs: Array, values: Array) -> tuple[float, Array]:
+        """Return the negative logarithm of the posterior density of `logs`, without constants, and its gradient."""
+        whole, by_parameter = self.derivatives(logs)
         factor = linalg.cholesky(whole, lower=True, check_finite=False)
         inverse = linalg.cho_solve((factor, True), np.eye(len(factor)), check_finite=False)
-        solved = inverse @ self.values
-        off = (logs - self.centres) / self.spreads
-        loss = self.values @ solved / 2 + np.log(np.diag(factor)).sum() + off @ off / 2
-        gradient = np.tensordot(by_parameter, inverse - np.outer(solved, solved), 2) / 2 + off / self.spreads
+        solved = inverse @ values
+        off = logs - self.medians
+        loss = values @ solved / 2 + np.log(np.diag(factor)).sum() + off @ off / 2
+        gradient = np.tensordot(by_parameter, inverse - np.outer(solved, solved), 2) / 2 + off
         return float(loss), gradient
 
-    def information(self, logs: Array) -> Array:
-        """Return the expected information (parameters, parameters) of runs and priors."""
-        whole, by_parameter = self.covariance(logs)
+    def draws(self, values: Array) -> tuple[Array, Array]:
+        """Return draws (k, parameters) of the posterior about its best maximum, and their weights."""
+        medians = self.medians
+        factors, size = self.points.shape[1], len(medians)
+        found = []
+        for length, signal, noise in STARTS:
+            start = medians + np.array([length] * factors + [signal, noise, 0.0][: size - factors])
+            bounds = optimize.Bounds(medians - 8.0, medians + 8.0)
+            found.append(
+                optimize.minimize(self.loss, start, (values,), jac=True, method="L-BFGS-B", bounds=bounds)
+            )
+        best = found[0]
+        for other in found[1:]:
+            best = other if other.fun < best.fun - 1e-9 else best
+        whole, by_parameter = self.derivatives(best.x)
         solved = np.linalg.solve(whole, by_parameter)
-        return np.asarray(np.einsum("iab,jba->ij", solved, solved) / 2 + np.diag(self.spreads**-2))
-
-
-def _draws(posterior: _Posterior) -> tuple[Array, Array]:
-    """Return draws (k, parameters) about the best maximum, and their weights."""
-    factors, size = len(posterior.squares), len(posterior.centres)
-    best = None
-    for length, signal, noise in STARTS:
-        off = np.array([length] * factors + [signal, noise, 0.0][: size - factors])
-        start = posterior.centres + off * posterior.spreads
-        bounds = list(zip(posterior.centres - 8.0, posterior.centres + 8.0, strict=True))
-        found = optimize.minimize(posterior.loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
-        if best is None or found.fun < best.fun - 1e-9:
-            best = found
-    assert best is not None
-    root = np.linalg.cholesky(np.linalg.inv(posterior.information(best.x)))
-    normal = _normal_sequence(DRAWS // 2, size)
-    normal = WIDER * np.vstack([normal, -normal])
-    draws = best.x + normal @ root.T
-    surplus = np.array([-posterior.loss(one)[0] for one in draws]) + (normal**2).sum(axis=1) / 2 / WIDER**2
-    importance = np.exp(surplus - surplus.max())
-    weights = np.minimum(importance, importance.mean() * np.sqrt(len(importance)))
-    return draws, weights / weights.sum()
+        information = np.einsum("iab,jba->ij", solved, solved) / 2 + np.eye(size)
+        normal = _normal_sequence(DRAWS // 2, size)
+        normal = WIDER * np.vstack([normal, -normal])
+        draws = best.x + normal @ np.linalg.cholesky(np.linalg.inv(information)).T
+        surplus = (normal**2).sum(axis=1) / 2 / WIDER**2 - [self.loss(one, values)[0] for one in draws]
+        importance = np.exp(surplus - surplus.max())
+        weights = np.minimum(importance, importance.mean() * np.sqrt(len(importance)))
+        return draws, weights / weights.sum()
 
 
 def _normal_sequence(length: int, factors: int) -> Array:
@@ -286,21 +159,102 @@ def _normal_sequence(length: int, factors: int) -> Array:
     return np.asarray(special.ndtri((0.5 + np.arange(1, length + 1)[:, None] * steps) % 1))
 
 
-def _trend(points: Array, trend: Trend) -> Array:
-    """Return columns of the trend (n, terms), each scaled by the prior standard deviation of its coefficient."""
-    mean = np.full((len(points), 1), SD_OF_MEAN)
-    return np.hstack([mean, SD_OF_SLOPE * (points - 0.5)]) if trend == "linear" else mean
+@dataclass(slots=True)
+class GaussianProcess:
+    """A process fitted by `fit_process`, over k draws of hyperparameters and n runs.
+
+    centre, scale : mean and standard deviation that standardise the values
+    logs : (k, parameters) draws of the logarithms of hyperparameters; weights : (k,), their sum is 1
+    """
+
+    prior: Prior
+    values: Array
+    centre: float
+    scale: float
+    logs: Array
+    weights: Array
+    _whitening: Array = field(init=False)
+    """(k, n, n): inverse Cholesky factors of the covariance of the runs."""
+    _solved: Array = field(init=False)
+    """(k, n): inverse covariance times standardised values."""
+
+    def __post_init__(self) -> None:
+        self._whitening = np.linalg.inv(np.linalg.cholesky(self.prior.covariance(self.logs)))
+        white = self._whitening @ ((self.values - self.centre) / self.scale)
+        self._solved = np.einsum("kij,ki->kj", self._whitening, white)
+
+    @property
+    def noise_sd(self) -> float:
+        """Standard deviation of a single run about the expected response of its block."""
+        factors = self.prior.points.shape[1]
+        variance = self.weights @ np.exp(2 * self.logs[:, factors + 1]) + self.prior.least_noise**2
+        return self.scale * float(np.sqrt(variance))
+
+    @property
+    def block_sd(self) -> float:
+        """Standard deviation of the effect of a block; 0 where runs are in none."""
+        if self.prior.blocks is None:
+            return 0.0
+        return self.scale * float(np.sqrt(self.weights @ np.exp(2 * self.logs[:, -1])))
+
+    @one_blas_thread()
+    def predict(self, points: ArrayLike) -> tuple[Array, Array]:
+        """Return the expected response at (m, d) points and its standard error, of a new block on average.
+
+        Neither contains the noise of a run nor the effect of the new block: see `noise_sd` and `block_sd`.
+        """
+        at = np.asarray(points, float).reshape(-1, self.prior.points.shape[1])
+        trend = self.prior.trend(at)
+        across = self.prior.smooth(at, self.logs) + trend @ self.prior.trend(self.prior.points).T
+        means = np.einsum("kmn,kn->km", across, self._solved)
+        explained = ((across @ self._whitening.swapaxes(1, 2)) ** 2).sum(axis=2)
+        signal = np.exp(2 * self.logs[:, at.shape[1]])
+        variance = signal[:, None] + (trend**2).sum(axis=1) - explained
+        mean = self.weights @ means
+        variance = self.weights @ (np.maximum(variance, 0.0) + (means - mean) ** 2)
+        return self.centre + self.scale * mean, self.scale * np.sqrt(variance)
+
+    @one_blas_thread()
+    def believing(self, points: ArrayLike) -> GaussianProcess:
+        """Return the process after runs at (m, d) points that came out as predicted, each in a block of its own.
+
+        Hyperparameters stay.
+        """
+        more = np.asarray(points, float).reshape(-1, self.prior.points.shape[1])
+        blocks = self.prior.blocks
+        if blocks is not None:
+            blocks = np.hstack([blocks, blocks.max() + 1 + np.arange(len(more))])
+        prior = replace(self.prior, points=np.vstack([self.prior.points, more]), blocks=blocks)
+        return replace(self, prior=prior, values=np.hstack([self.values, self.predict(more)[0]]))
 
 
-def _squares(a: Array, b: Array) -> Array:
-    """Return squared distances by factor: (d, a, b)."""
-    return np.asarray((a.T[:, :, None] - b.T[:, None, :]) ** 2)
+@one_blas_thread()
+def fit_process(
+    points: ArrayLike,
+    values: ArrayLike,
+    noise_floor: float = 0.0,
+    *,
+    blocks: Sequence[object] | None = None,
+    has_slope: bool = True,
+) -> GaussianProcess:
+    """Fit a process to one value at each of (n, d) points.
 
+    noise_floor : least standard deviation of a run, in the unit of the values
+    blocks : of each run the machine, tool or day that it shares with others
 
-def _matern(squares: Array, lengths: Array) -> Array:
-    """Return Matérn 5/2 correlations (k, a, b) of squared distances (d, a, b), with length scales (k, d)."""
-    distance = np.sqrt(5 * np.tensordot(lengths**-2.0, squares, 1))
-    return np.asarray((1 + distance + distance**2 / 3) * np.exp(-distance))
+    Raises ValueError below three runs, or where a point or value is not finite.
+    """
+    at, measured = np.asarray(points, float), np.asarray(values, float)
+    if len(at) < FEWEST_RUNS:
+        raise ValueError(f"A process needs at least {FEWEST_RUNS} runs, not {len(at)}.")
+    if not (np.isfinite(at).all() and np.isfinite(measured).all()):
+        raise ValueError("A process needs finite points and values: take runs out that failed.")
+    numbers = np.unique(list(map(str, blocks)), return_inverse=True)[1] if blocks else None
+    centre, spread = float(measured.mean()), float(measured.std(ddof=1))
+    least = 1e-9 * max(1.0, abs(centre))  # values that are all equal are expected everywhere
+    scale = spread if spread > least else max(noise_floor, least)
+    prior = Prior(at, numbers, has_slope, max(noise_floor / scale, SMALLEST_NOISE))
+    return GaussianProcess(prior, measured, centre, scale, *prior.draws((measured - centre) / scale))
 
 
 BOUND = 1.645
@@ -316,16 +270,16 @@ MOST_FAILING = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
-    """Predictions of m candidates under c constraints, each with its standard error."""
+    """Predictions of m candidates under c constraints, each with its standard error.
+
+    objective, objective_sd : (m,); constraints, constraints_sd : (c, m); limits : (c,)
+    """
 
     objective: Array
-    """(m,) expected."""
     objective_sd: Array
     constraints: Array
-    """(c, m) expected."""
     constraints_sd: Array
     limits: Array
-    """(c,)."""
 
     @property
     def feasibility(self) -> Array:
@@ -342,8 +296,8 @@ class Outlook:
     @property
     def best(self) -> int | None:
         """The candidate with the least expected objective whose upper bounds are all within; None without any."""
-        safe = self.violation <= 0
-        return int(np.argmin(np.where(safe, self.objective, np.inf))) if safe.any() else None
+        is_safe = self.violation <= 0
+        return int(np.argmin(np.where(is_safe, self.objective, np.inf))) if is_safe.any() else None
 
     @property
     def nearest(self) -> int:
@@ -354,52 +308,49 @@ class Outlook:
 
 @dataclass(frozen=True, slots=True)
 class Surrogates:
-    """Processes of an objective, of constraints and, where runs failed, of failure, which is the last constraint."""
+    """Processes of an objective, of constraints and, where runs failed, of failure, which is the last constraint.
+
+    runs : that were made, failed ones among them, or are assumed
+    """
 
     objective: GaussianProcess
     constraints: tuple[GaussianProcess, ...]
     limits: tuple[float, ...]
     runs: int
-    """That were made, failed ones among them, or are assumed."""
 
     @classmethod
     def fit(
         cls,
         points: ArrayLike,
         objective: ArrayLike,
-        constraints: Constraints,
+        constraints: Sequence[tuple[ArrayLike, float]],
         blocks: Sequence[object] | None = None,
     ) -> Surrogates:
         """Fit processes to runs at (n, d) points, whose objective or constraints are NaN where the run failed.
 
-        Raises ValueError where fewer than three runs have a response, or responses are not one a run.
+        constraints : values of each, and the limit that their expectation may not exceed
+
+        Raises ValueError where fewer than three runs have a response.
         """
         at = np.asarray(points, float)
-        responses = [
-            np.asarray(values, float) for values in (objective, *(values for values, _ in constraints))
-        ]
-        if any(values.shape != at.shape[:1] for values in responses):
-            raise ValueError("Objective and constraints have one value a run.")
+        responses = np.array([objective, *(values for values, _ in constraints)], float)
         processes, limits = [], [float(limit) for _, limit in constraints]
         for values in responses:
             kept = np.flatnonzero(np.isfinite(values)).tolist()
-            own = None if blocks is None else [blocks[run] for run in kept]
-            processes.append(fit_process(at[kept], values[kept], blocks=own))
+            of_kept = None if blocks is None else [blocks[run] for run in kept]
+            processes.append(fit_process(at[kept], values[kept], blocks=of_kept))
         failed = ~np.isfinite(responses).all(axis=0)
         if failed.any():
-            processes.append(fit_process(at, failed.astype(float), FAILURE_NOISE, trend="constant"))
+            processes.append(fit_process(at, failed, FAILURE_NOISE, has_slope=False))
             limits.append(MOST_FAILING)
         return cls(processes[0], tuple(processes[1:]), tuple(limits), len(at))
 
     def outlook(self, candidates: ArrayLike) -> Outlook:
-        """Return what is predicted of (m, d) candidates."""
-        at = np.asarray(candidates, float)
-        mean, sd = self.objective.predict(at)
-        each = [process.predict(at) for process in self.constraints]
-        means, errors = (
-            np.array([one[n] for one in each]).reshape(len(each), len(at)) for n in (0, 1)
-        )  # without constraints (0, m)
-        return Outlook(mean, sd, means, errors, np.array(self.limits, float))
+        """Return the predictions of (m, d) candidates."""
+        mean, sd = self.objective.predict(candidates)
+        each = np.array([process.predict(candidates) for process in self.constraints])
+        each = each.reshape(len(self.constraints), 2, len(mean))  # without constraints (0, 2, m)
+        return Outlook(mean, sd, each[:, 0], each[:, 1], np.array(self.limits, float))
 
     def believing(self, point: ArrayLike) -> Surrogates:
         """Return the processes after a run at `point` that came out as predicted."""
@@ -407,44 +358,41 @@ class Surrogates:
         return Surrogates(self.objective.believing(point), constraints, self.limits, self.runs + 1)
 
     def suggest(
-        self, candidates: ArrayLike, runs: int = 1, pending: ArrayLike = (), budget: int | None = None
-    ) -> list[tuple[int, Purpose]]:
-        """Return the next `runs` of (m, d) candidates, one of them perhaps again, and the purpose of each.
+        self, candidates: ArrayLike, runs: int = 1, pending: ArrayLike = (), budget: float = np.inf
+    ) -> list[int]:
+        """Return the next `runs` of (m, d) candidates, one of them perhaps again.
 
         pending : (k, d) runs whose values are still to come
         budget : number of runs in all; the last third of them confirm
         """
-        fitted, allowed = self, np.asarray(candidates, float)
+        fitted, at = self, np.asarray(candidates, float)
         for point in np.asarray(pending, float):
             fitted = fitted.believing(point)
         found = []
         for _ in range(runs):
-            confirms = budget is not None and fitted.runs >= CONFIRMING * budget
-            found.append(fitted._next(allowed, confirms))
-            fitted = fitted.believing(allowed[found[-1][0]])
+            found.append(fitted._next(at, confirms=fitted.runs >= CONFIRMING * budget))
+            fitted = fitted.believing(at[found[-1]])
         return found
 
-    def _next(self, candidates: Array, confirms: bool) -> tuple[int, Purpose]:
+    def _next(self, candidates: Array, *, confirms: bool) -> int:
         outlook = self.outlook(candidates)
         best = outlook.best
         if best is None:
-            return int(np.argmax(outlook.feasibility)), "feasibility"
+            return int(np.argmax(outlook.feasibility))
         incumbent = float(outlook.objective[best])
         gain = expected_improvement(outlook.objective, outlook.objective_sd, incumbent) * outlook.feasibility
         if not confirms:
-            return int(np.argmax(gain)), "improvement"
-        within = (outlook.constraints <= outlook.limits[:, None]).all(axis=0)
-        aims = np.flatnonzero((outlook.objective < incumbent) & within)
+            return int(np.argmax(gain))
+        is_within = (outlook.constraints <= outlook.limits[:, None]).all(axis=0)
+        aims = np.flatnonzero((outlook.objective < incumbent) & is_within)
         if not len(aims):
-            return best, "confirmation"
+            return best
         tried = [best, *aims[np.argsort(-gain[aims], kind="stable")[:TRIED]].tolist()]
         reached = []
-        for one in tried:
-            after = self.believing(candidates[one]).outlook(candidates[aims])
-            reached.append(incumbent if after.best is None else min(incumbent, after.objective[after.best]))
-        if min(reached) >= incumbent:
-            return int(np.argmax(gain)), "confirmation"
-        return tried[int(np.argmin(reached))], "confirmation"
+        for candidate in tried:
+            after = self.believing(candidates[candidate]).outlook(candidates[aims])
+            reached.append(incumbent if after.best is None else float(after.objective[after.best]))
+        return tried[int(np.argmin(reached))] if min(reached) < incumbent else int(np.argmax(gain))
 
 
 def expected_improvement(mean: Array, sd: Array, incumbent: float) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 
 from edmctl.cli.render.terminal import wrapped
 from edmctl.study.report import render_response
-from edmctl.study.report.tables import fit_quality
+from edmctl.study.report.contents import fit_quality
 from edmctl.study.results import ResponseInfo
 from edmctl.study.statistics.linear_model import Settings
 from edmctl.study.statistics.response_analysis import Runs, analyse

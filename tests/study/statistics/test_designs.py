@@ -175,7 +175,7 @@ def test_aliases_are_columns_that_are_equal_or_opposite(generators: list[str]) -
         (["D=ABX"], "is no generator"),
         (["D=A"], "is no generator"),
         (["D=ABC", "D=AB"], "D has two generators"),
-        (["D=ABC", "E=AD"], "The generator of E leans on D"),
+        (["D=ABC", "E=AD"], "The generator of E uses D"),
     ],
 )
 def test_a_generator_that_is_none(generators: list[str], said: str) -> None:

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.study.statistics.choice import grey_relational_grade, topsis_closeness
+from edmctl.study.analysis import grey_relational_grade
 from edmctl.study.statistics.designs import Fraction, arrays, box_behnken
 from edmctl.study.statistics.linear_model import (
-    LackOfFit,
     Settings,
     anova,
     fit,
@@ -26,7 +25,13 @@ from edmctl.study.statistics.linear_model import (
     term_name,
     with_interactions,
 )
-from edmctl.study.statistics.response_analysis import Runs, analyse, response_table, signal_to_noise_db
+from edmctl.study.statistics.response_analysis import (
+    LackOfFit,
+    Runs,
+    analyse,
+    response_table,
+    signal_to_noise_db,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -457,20 +462,6 @@ def test_box_behnken_of_a_resin() -> None:
     lack = lack_of_fit(settings, terms, response, points)
     check([lack.ss, lack.dof, lack.ss / lack.dof, lack.f, lack.p], "33.25 3 11.08 1.23 0.4774")
     check([lack.pure_ss, lack.pure_dof, lack.pure_ss / lack.pure_dof], "18 2 9.00")
-
-
-def test_closeness_to_the_ideal() -> None:
-    """TOPSIS of two worked examples, neither read in its own print but in tests of other projects that quote it.
-
-    G.-H. Tzeng and J.-J. Huang, Multiple Attribute Decision Making: Methods and Applications, CRC Press, 2011, by
-    quatrope/scikit-criteria (tests/agg/test_similarity.py). E. Roszkowska, "Multi-criteria decision making models by
-    applying the TOPSIS method to crisp and interval data", by gscoppino/topsis (test_topsis.py).
-    """
-    closeness = topsis_closeness(-np.array([[5, 8, 4], [7, 6, 8], [8, 8, 6], [7, 4, 6]]), [0.3, 0.4, 0.3])
-    check(closeness, "0.5037 0.6581 0.7482 0.3340")
-    values = [[7, 21, 4, 7], [7, 24, 6, 4], [14, 25, 3, 8], [14, 26, 9, 3], [21, 35, 4, 4]]
-    closeness = topsis_closeness(np.multiply(values, [-1, 1, -1, -1]), [0.175, 0.425, 0.175, 0.225])
-    check(closeness, "0.535497 0.434945 0.557491 0.516961 0.370633")
 
 
 def test_grey_relational_grade() -> None:
