@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +18,11 @@ from edmctl.csv_text import header_line, row_lines, text_cell
 from edmctl.dataclasses import dataclass
 from edmctl.errors import installing
 from edmctl.record import layout
-from edmctl.record.layout import Column, Table
+from edmctl.record.layout import Column
 from edmctl.record.reader import RunFile
 from edmctl.record.run_index import sites_of
 from edmctl.results.declared import ending_of, quantities
 from edmctl.results.job import SiteTruth
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Block: TypeAlias = list[NDArray[np.generic]]
 
@@ -43,7 +40,6 @@ TABLES = {
     "link": layout.LINK,
 }
 """Every table under the name that people use."""
-
 BLOCK_ROWS = 1 << 16
 """Rows that are in memory at a time, as text a hundred bytes a cell; a row group of Parquet."""
 JSON_TEXT = "JSON"
@@ -52,7 +48,7 @@ JSON_TEXT = "JSON"
 
 @dataclass(frozen=True, slots=True)
 class ExportColumn:
-    """A column as other programs see it: its unit is part of the name. `units` of a text are empty or JSON."""
+    """A column of an exported table: its unit is part of the name. `units` of a text are empty or JSON."""
 
     name: str
     dtype: np.dtype[np.generic]
@@ -65,72 +61,53 @@ class ExportColumn:
 
 
 _TRUTH = quantities(SiteTruth)
-_TRUTH_COLUMNS = [
-    ExportColumn(
-        f"truth_{name}", np.dtype(one.dtype), one.units, f"{one.title} on the virtual machine; NaN if unknown"
-    )
-    for name, one in _TRUTH.items()
-]
 """Beside the results of simulated runs."""
 
 
 class ExportTable:
-    """One table of an open run file. What a live writer adds meanwhile is not seen.
+    """One table of an open run file. Rows that a live writer adds meanwhile are left out.
 
     code_names : names of the events by their codes, which become a column of their own
     """
 
     def __init__(self, run: RunFile, name: str, code_names: Mapping[int, str]) -> None:
-        self._run = run
-        self._table = TABLES[name]
-        self._code_names = code_names
+        self._run, self._table, self._code_names = run, TABLES[name], code_names
         self.name = name
-        self.rows = (
-            len(run.table(self._table.path)) if self._table.is_compound else run.rows(self._table.path)
-        )
-        self.columns = _columns(self._table)
+        self.rows = run.rows(self._table.path)
+        self.columns = [
+            ExportColumn(named(column), _dtype(column), column.units.rpartition(" ")[2], column.long_name)
+            for column in self._table.columns
+        ]
+        if self._table is layout.PULSES:
+            self.columns.insert(0, ExportColumn("time_s", np.dtype("f8"), "s", "time since start"))
+        if self._table is layout.EVENTS:
+            self.columns.insert(3, ExportColumn("name", np.dtype("O"), "", "name of the code"))
+            self.columns[-1] = ExportColumn("args", np.dtype("O"), JSON_TEXT, self.columns[-1].long_name)
         self._has_truth = self._table is layout.RESULTS and run.is_simulated
-        if self._has_truth:
-            self.columns += _TRUTH_COLUMNS
+        for name_of_truth, one in _TRUTH.items() if self._has_truth else ():
+            about = f"{one.title} on the virtual machine; NaN if unknown"
+            kind = np.dtype(one.dtype)
+            self.columns.append(ExportColumn(f"truth_{name_of_truth}", kind, one.units, about))
 
     def blocks(self) -> Iterator[Block]:
         """Yield the rows, a large number at a time: one array per column, texts as `str`."""
-        if self._table.is_compound:
-            yield from self._compound_blocks()
-            return
-        names = [column.name for column in self._table.columns]
-        for start in range(0, self.rows, BLOCK_ROWS):
-            stop = min(start + BLOCK_ROWS, self.rows)
-            block: Block = [self._run.column(self._table.path, name, start, stop) for name in names]
-            if self._table is layout.PULSES:
-                block.insert(0, self._run.pulse_times_s(start, stop))
+        path, columns = self._table.path, self._table.columns
+        if not self._table.is_compound:
+            for start in range(0, self.rows, BLOCK_ROWS):
+                stop = min(start + BLOCK_ROWS, self.rows)
+                block: Block = [self._run.column(path, column.name, start, stop) for column in columns]
+                if self._table is layout.PULSES:
+                    block.insert(0, self._run.pulse_times_s(start, stop))
+                yield block
+        elif len(rows := self._run.table(path)[: self.rows]):
+            block = [_values(rows, column) for column in columns]
+            if self._table is layout.EVENTS:
+                names = [self._code_names.get(code, str(code)) for code in rows["code"].tolist()]
+                block.insert(3, np.array(names, object))
+            if self._has_truth:
+                sites = sites_of(self._run)[: len(rows)]
+                block += [np.array([getattr(site.truth, name) for site in sites]) for name in _TRUTH]
             yield block
-
-    def _compound_blocks(self) -> Iterator[Block]:
-        rows = self._run.table(self._table.path)[: self.rows]
-        if not len(rows):
-            return
-        block = [_values(rows, column) for column in self._table.columns]
-        if self._table is layout.EVENTS:
-            codes = rows["code"].tolist()
-            block.insert(3, np.array([self._code_names.get(code, str(code)) for code in codes], object))
-        if self._has_truth:
-            sites = sites_of(self._run)[: len(rows)]
-            block += [np.array([getattr(site.truth, name) for site in sites]) for name in _TRUTH]
-        yield block
-
-
-def _columns(table: Table) -> list[ExportColumn]:
-    columns = [
-        ExportColumn(named(column), _dtype(column), column.units.rpartition(" ")[2], column.long_name)
-        for column in table.columns
-    ]
-    if table is layout.PULSES:
-        columns.insert(0, ExportColumn("time_s", np.dtype("f8"), "s", "time since start"))
-    if table is layout.EVENTS:
-        columns.insert(3, ExportColumn("name", np.dtype("O"), "", "name of the code"))
-        columns[-1] = ExportColumn("args", np.dtype("O"), JSON_TEXT, columns[-1].long_name)
-    return columns
 
 
 def named(column: Column) -> str:
@@ -161,31 +138,25 @@ _SINGLE = "U15"
 
 
 class ByteSink(Protocol):
-    """What takes bytes."""
-
     def write(self, data: bytes, /) -> int: ...
 
 
 class TableWriter(Protocol):
-    """Writes one table, block after block."""
+    """Writes one table, block after block: one array per column. Raises OSError."""
 
-    def write(self, block: Block) -> None:
-        """Append rows: one array per column. Raises OSError."""
+    def write(self, block: Block) -> None: ...
 
-    def close(self) -> None:
-        """Write what comes after the last row. Raises OSError."""
+    def close(self) -> None: ...
 
 
 class CsvWriter:
     """CSV with a header; unknown numbers are empty."""
 
     def __init__(self, sink: ByteSink, columns: Sequence[ExportColumn]) -> None:
-        self._sink = sink
-        self._columns = columns
+        self._sink, self._columns = sink, columns
         sink.write(header_line(column.name for column in columns).encode())
 
     def write(self, block: Block) -> None:
-        """Append rows."""
         cells = [
             list(map(text_cell, values.tolist())) if column.is_text else formatted(values, unknown="")
             for column, values in zip(self._columns, block, strict=True)
@@ -193,23 +164,21 @@ class CsvWriter:
         self._sink.write(row_lines(cells).encode())
 
     def close(self) -> None:
-        """Nothing comes after the last row."""
+        """Nothing follows the last row."""
 
 
 class JsonWriter:
     """An array of objects, one a line; with `lines` the objects alone (JSON Lines). Unknown numbers are null."""
 
     def __init__(self, sink: ByteSink, columns: Sequence[ExportColumn], *, lines: bool) -> None:
-        self._sink = sink
-        self._columns = columns
+        self._sink, self._columns = sink, columns
         self._before, self._between, self._end = ("", "\n", "\n") if lines else ("[\n", ",\n", "\n]\n")
         self._empty = "" if lines else "[]\n"
-        self._begun = False
+        self._has_rows = False
         members = (f"{json.dumps(column.name)}: %s" for column in columns)
         self._form = "{" + ", ".join(members) + "}"
 
     def write(self, block: Block) -> None:
-        """Append rows."""
         cells = [
             list(map(_json_value if column.units == JSON_TEXT else _json_text, values.tolist()))
             if column.is_text
@@ -217,12 +186,11 @@ class JsonWriter:
             for column, values in zip(self._columns, block, strict=True)
         ]
         rows = self._between.join(map(self._form.__mod__, zip(*cells, strict=True)))
-        self._sink.write(((self._between if self._begun else self._before) + rows).encode())
-        self._begun = True
+        self._sink.write(((self._between if self._has_rows else self._before) + rows).encode())
+        self._has_rows = True
 
     def close(self) -> None:
-        """Close the array, or the last line."""
-        self._sink.write((self._end if self._begun else self._empty).encode())
+        self._sink.write((self._end if self._has_rows else self._empty).encode())
 
 
 class ParquetWriter:
@@ -235,11 +203,15 @@ class ParquetWriter:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        self._schema = pa.schema([_field(column) for column in columns], metadata=dict(about))
+        columns_of_parquet = []
+        for column in columns:
+            kind = pa.string() if column.is_text else pa.from_numpy_dtype(column.dtype)
+            metadata = {"units": column.units, "long_name": column.long_name}
+            columns_of_parquet.append(pa.field(column.name, kind, metadata=metadata))
+        self._schema = pa.schema(columns_of_parquet, metadata=dict(about))
         self._writer = pq.ParquetWriter(sink, self._schema, compression="zstd")
 
     def write(self, block: Block) -> None:
-        """Append rows."""
         import pyarrow as pa
 
         arrays = [pa.array(values, field.type) for values, field in zip(block, self._schema, strict=True)]
@@ -283,10 +255,3 @@ def _json_value(text: str) -> str:
     except ValueError:
         return _json_text(text)
     return json.dumps(value, ensure_ascii=False)
-
-
-def _field(column: ExportColumn) -> pa.Field:
-    import pyarrow as pa
-
-    kind = pa.string() if column.is_text else pa.from_numpy_dtype(column.dtype)
-    return pa.field(column.name, kind, metadata={"units": column.units, "long_name": column.long_name})

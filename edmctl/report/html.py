@@ -1,4 +1,4 @@
-"""What every page is made of: one HTML file that needs nothing but itself, with tables, figures and sections."""
+"""Elements of every page: one HTML file that needs nothing but itself, with tables, figures and sections."""
 
 from __future__ import annotations
 
@@ -17,10 +17,8 @@ from edmctl.report.style import NothingToDraw, house_style, rendered
 WIDE_MM = 120.0
 """Figures wider than this take both columns of the page."""
 PX_PER_MM = 96.0 / 25.4
-
 MOST_SVG_BYTES = 200_000
 """A figure with more in it goes into the page as PNG, so that no page grows beyond a few megabytes."""
-_MEDIA_TYPES = {".svg": "image/svg+xml", ".png": "image/png"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +36,7 @@ class PageTable:
 class Picture:
     """A figure of a page, or why there is none. It is rendered last, when all that the page needs has been read.
 
-    name : of its element, once a page; sees : a sentence on what there is to see; datasets : where it is from
+    name : of its element, once a page; sees : its caption; datasets : sources of its data
     """
 
     name: str
@@ -53,10 +51,10 @@ class Picture:
         assert self.figure is not None
         # Letters as outlines: the page looks the same where the font of the figures is not installed.
         with house_style(), rc_context({"svg.fonttype": "path"}):
-            suffix, content = ".svg", rendered(self.figure, ".svg")
+            media_type, content = "image/svg+xml", rendered(self.figure, ".svg")
             if len(content) > MOST_SVG_BYTES:
-                suffix, content = ".png", rendered(self.figure, ".png")
-        return f"data:{_MEDIA_TYPES[suffix]};base64,{base64.b64encode(content).decode()}"
+                media_type, content = "image/png", rendered(self.figure, ".png")
+        return f"data:{media_type};base64,{base64.b64encode(content).decode()}"
 
 
 def picture_of(
@@ -70,15 +68,13 @@ def picture_of(
 ) -> Picture:
     """Draw a figure for a page: `make` returns it, or raises NothingToDraw.
 
-    formulas : dollars in its texts enclose formulas; not so where names are in it that people choose
+    formulas : dollars in its texts enclose formulas; False if it has names that people choose
     """
-    figure, why_not = None, ""
     with house_style(), rc_context({"text.parse_math": formulas}):
         try:
-            figure = make()
+            return Picture(name, title, sees, make(), datasets=datasets)
         except NothingToDraw as reason:
-            why_not = str(reason)
-    return Picture(name, title, sees, figure, why_not, datasets)
+            return Picture(name, title, sees, why_not=str(reason))
 
 
 def document(
@@ -86,33 +82,45 @@ def document(
 ) -> str:
     """Return the whole page.
 
-    header : elements below the title's line; contents : names of sections with what links to them say
+    header : elements below the title's line; contents : names of sections and the texts of their links
     """
     style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
     links = "".join(f'<a href="#{name}">{escape(heading)}</a>' for name, heading in contents)
-    head = [
-        '<meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        '<meta name="generator" content="edmctl">',
-        f"<title>{escape(title)}</title>",
-        '<link rel="icon" href="data:,">',
-        f"<style>\n{style}</style>",
-    ]
-    lines = ["<!DOCTYPE html>", '<html lang="en">', "<head>", *head, "</head>", "<body>"]
-    lines += ["<header>", *header, f"<nav>{links}</nav>", "</header>", "<main>", *body, "</main>"]
-    return "\n".join([*lines, f"<footer>{paragraph(footer)}</footer>", "</body>", "</html>", ""])
+    newline = "\n"
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="generator" content="edmctl">
+<title>{escape(title)}</title>
+<link rel="icon" href="data:,">
+<style>
+{style}</style>
+</head>
+<body>
+<header>
+{newline.join(header)}
+<nav>{links}</nav>
+</header>
+<main>
+{newline.join(body)}
+</main>
+<footer>{paragraph(footer)}</footer>
+</body>
+</html>
+"""
 
 
 def section(name: str, heading: str, parts: Iterable[PageTable | str | None]) -> str:
     """Return a section of elements and tables; empty ones are left out."""
     inside = [part if isinstance(part, str) else table(part) for part in parts if part]
-    return "\n".join(
-        [f'<section id="{name}">', f"<h2>{escape(heading)}</h2>", *filter(None, inside), "</section>"]
-    )
+    lines = [f'<section id="{name}">', f"<h2>{escape(heading)}</h2>", *filter(None, inside), "</section>"]
+    return "\n".join(lines)
 
 
 def tiles(numbers: Iterable[tuple[str, str, str]]) -> str:
-    """Return the few numbers that matter most: what each is, its value, and what else to say."""
+    """Return the few most important numbers: name, value and remark."""
     shown = "".join(
         f"<div><dt>{escape(name)}</dt><dd>{escape(value)}<small>{escape(more)}</small></dd></div>"
         for name, value, more in numbers
@@ -142,12 +150,11 @@ def _figure(number: int, picture: Picture) -> str:
     width_mm, height_mm = (25.4 * inches for inches in picture.figure.get_size_inches())
     wide = ' class="wide"' if width_mm > WIDE_MM else ""
     width, height = (round(mm * PX_PER_MM) for mm in (width_mm, height_mm))
-    seen = escape(picture.sees.replace("`", ""))
+    alt = escape(picture.sees.replace("`", ""))
     source = ", ".join(f"<code>{path}</code>" for path in picture.datasets)
     return (
         f'<figure id="{picture.name}"{wide}><img src="{address}" width="{width}" height="{height}" '
-        f'alt="{seen}">\n'
-        f"<figcaption><b>Fig. {number}: {escape(picture.title)}.</b> {_prose(picture.sees)}"
+        f'alt="{alt}">\n<figcaption><b>Fig. {number}: {escape(picture.title)}.</b> {_prose(picture.sees)}'
         f"{f' From {source}.' if source else ''}</figcaption></figure>"
     )
 
@@ -168,25 +175,19 @@ def table(made: PageTable) -> str:
     if not made.rows:
         return ""
     caption = f"<caption>{escape(made.caption)}</caption>" if made.caption else ""
-    header = ""
-    if any(made.header):
-        cells = "".join(f'<th scope="col">{escape(name)}</th>' for name in made.header)
-        header = f"<thead><tr>{cells}</tr></thead>"
-    rows = "\n".join(
-        f'<tr><th scope="row">{escape(row[0])}</th>'
-        + "".join(
-            f'<td data-name="{escape(name)}">{escape(cell)}</td>'
-            for name, cell in zip(made.header[1:], row[1:], strict=False)
-        )
-        + "</tr>"
-        for row in made.rows
-    )
-    kind = "words" if made.words else "numbers"
+    cells = "".join(f'<th scope="col">{escape(name)}</th>' for name in made.header)
+    header = f"<thead><tr>{cells}</tr></thead>" if any(made.header) else ""
+    rows = []
+    for row in made.rows:
+        named = zip(made.header[1:], row[1:], strict=False)
+        cells = "".join(f'<td data-name="{escape(name)}">{escape(cell)}</td>' for name, cell in named)
+        rows.append(f'<tr><th scope="row">{escape(row[0])}</th>{cells}</tr>')
+    body = "\n".join(rows)
     note = f'\n<p class="note">{_prose(made.note)}</p>' if made.note else ""
-    name = escape(made.caption or "table")
     return (
-        f'<div class="scroll" tabindex="0" role="group" aria-label="{name}"><table class="{kind}">{caption}{header}'
-        f"<tbody>\n{rows}\n</tbody></table></div>{note}"
+        f'<div class="scroll" tabindex="0" role="group" aria-label="{escape(made.caption or "table")}">'
+        f'<table class="{"words" if made.words else "numbers"}">{caption}{header}'
+        f"<tbody>\n{body}\n</tbody></table></div>{note}"
     )
 
 

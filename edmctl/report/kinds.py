@@ -28,7 +28,7 @@ REPORT = "report"
 class Kind:
     """One kind of figure, drawn by `draw_NAME` of a module of `figures`.
 
-    `sees` is a sentence on what there is to see, `datasets` where in the file it is from.
+    `sees` is its caption, `datasets` the parts of `/entry` that it is drawn from.
     """
 
     name: str
@@ -40,136 +40,95 @@ class Kind:
 
 KINDS = (
     Kind(
-        "gap",
-        "servo",
-        "Gap voltage and displacement",
-        "(a) Mean gap voltage with the servo reference, and (b) where the tool was, against time; "
-        "grey bands mark touching. The range is from the lowest to the highest value "
-        "within a step of the drawing. Z1 is the surface before, Z2 the bottom, Z3 the surface after, "
-        "Zr the face at a place not yet machined.",
-        ("/entry/servo", "/entry/slow", "/entry/touches"),
+        "gap", "timelines", "Gap voltage and displacement",
+        "(a) Mean gap voltage with the servo reference, and (b) the tool position, against time; grey bands mark "
+        "touching. The range is from the lowest to the highest value within a step of the drawing. Z1 is the "
+        "surface before, Z2 the bottom, Z3 the surface after, Zr the face at a place not yet machined.",
+        ("servo", "slow", "touches"),
     ),
     Kind(
-        "displacement",
-        "servo",
-        "Estimated and measured displacement",
-        "(a) Tool displacement estimated from the actuator voltage alone beside that of the sensor, "
-        "and (b) the error of the estimate, which counts while machining; rms and max are those of "
-        "the results. The range is from the lowest to the highest value within a step of the drawing.",
-        ("/entry/servo", "/entry/results"),
+        "displacement", "timelines", "Estimated and measured displacement",
+        "(a) Tool displacement estimated from the actuator voltage alone beside that of the sensor, and (b) the "
+        "error of the estimate, which counts while machining; rms and max are those of the results. The range is "
+        "from the lowest to the highest value within a step of the drawing.",
+        ("servo", "results"),
     ),
     Kind(
-        "steps",
-        "readings",
-        "Surface, bottom and surface again",
-        "The readings Z1 (surface before), Z2 (bottom) and Z3 (surface after) of each hole, with what "
-        "they give: depth is Z2 − Z3, tool wear Z3 − Z1, feed Z2 − Z1.",
-        ("/entry/results", "/entry/touches"),
+        "steps", "readings", "Surface, bottom and surface again",
+        "The readings Z1 (surface before), Z2 (bottom) and Z3 (surface after) of each hole, and the lengths "
+        "between them: depth is Z2 − Z3, tool wear Z3 − Z1, feed Z2 − Z1.",
+        ("results", "touches"),
     ),
     Kind(
-        "section",
-        "holes",
-        "The hole in section",
-        "The last holes cut through the middle, with the tool at the bottom and what was worn off it. "
-        "Depth and wear are as touched, the band is the 95 % interval of the depth. The width is "
-        "not measured: walls are drawn from the profile's side gap. For a simulated run the line is the true "
-        "hole, with its side gap at the floor, its taper (how much wider the mouth is, on the radius) and "
-        "the round edge of its floor; its walls are drawn straight.",
-        ("/entry/results", "/entry/profile/values", "/entry/summary"),
+        "section", "holes", "The hole in section",
+        "The last holes cut through the middle, with the tool at the bottom and its wear. Depth and wear are "
+        "measured by contact, the band is the 95 % interval of the depth. The width is not measured: walls are "
+        "drawn from the profile's side gap. For a simulated run the line is the true hole, with its side gap at "
+        "the floor, its taper (how much wider the mouth is, on the radius) and the round edge of its floor; its "
+        "walls are drawn straight.",
+        ("results", "profile/values", "summary"),
     ),
     Kind(
-        "touching",
-        "readings",
-        "Touches",
-        "Touching is going towards the work until the contact closes a circuit. Where there are "
-        "several readings, (a) actuator voltage and (b) displacement from Z1 (surface before) over Z2 "
-        "(bottom) to Z3 (surface after), or with Zr (the face at a place not yet machined). In the "
-        "panels below, the last set of touches of the bottom with its contacts, and on the right the "
-        "last contact in detail. Beside holds of a second or more (`measure.dwell_s`) the changes of voltage "
-        "and sensor are written: the voltage falls because the actuator creeps, the sensor stays.",
-        ("/entry/servo", "/entry/touches", "/entry/events"),
+        "touching", "readings", "Touches",
+        "To touch, the tool moves towards the work until the contact closes a circuit. Where there are several "
+        "readings, actuator voltage and displacement from Z1 (surface before) over Z2 (bottom) to Z3 (surface "
+        "after), or with Zr (the face at a place not yet machined). In the panels below, the last set of touches "
+        "of the bottom with its contacts, and on the right the last contact in detail: while it is held, the "
+        "voltage falls because the actuator creeps, and the sensor stays.",
+        ("servo", "touches", "events"),
     ),
     Kind(
-        "pulses",
-        "pulses",
-        "Pulse classes",
-        "Shares of open pulses, normal discharges, arcs and shorts while cutting: (a) against time, "
-        "(b) arcs and shorts again, (c) over all cuts. Pulses are counted by their time; where they "
-        "were summed up in blocks, the controller's own count in the results may differ by those of a "
-        "block.",
-        ("/entry/slow", "/entry/pulses"),
+        "pulses", "pulses", "Pulse classes",
+        "Shares of open pulses, normal discharges, arcs and shorts while cutting: (a) against time, (b) arcs and "
+        "shorts again, (c) over all cuts. Pulses are counted by their time; where they were summed up in blocks, "
+        "the controller's own count in the results may differ by those of a block.",
+        ("slow", "pulses"),
     ),
     Kind(
-        "laue",
-        "pulses",
-        "Ignition delay",
-        "(a) Distribution of the ignition delays, and (b) their Laue plot, the share of pulses that "
-        "had not ignited after a time: a straight line where ignition is random.",
-        ("/entry/pulses/full",),
+        "laue", "pulses", "Ignition delay",
+        "(a) Distribution of the ignition delays, and (b) their Laue plot, the share of pulses that had not "
+        "ignited after a time: a straight line where ignition is random.",
+        ("pulses/full",),
     ),
     Kind(
-        "erosion",
-        "erosion",
-        "Depth, wear and feed",
-        "(a) Estimated depth and tool wear with the measured values, and (b) the feed rate, against "
-        "time. Hollow points were not touched: they are by feed and energy, as later touches correct "
-        "them.",
-        ("/entry/slow", "/entry/touches", "/entry/results"),
+        "erosion", "timelines", "Depth, wear and feed",
+        "(a) Estimated depth and tool wear with the measured values, and (b) the feed rate, against time. Hollow "
+        "points are not measured by contact: they follow from feed and energy, as later touches correct them.",
+        ("slow", "touches", "results"),
     ),
     Kind(
-        "jumps",
-        "pulses",
-        "Electrode jumps and arcs",
-        "(a) Shares of arcs and shorts, which ask for jumps, with a mark for each; (b) the jump "
-        "period in force, and the time from each jump to the next of the same cut.",
-        ("/entry/events", "/entry/slow"),
+        "jumps", "pulses", "Electrode jumps and arcs",
+        "(a) Shares of arcs and shorts, which cause jumps, with a mark for each; (b) the jump period in force, "
+        "and the time from each jump to the next of the same cut.",
+        ("events", "slow"),
     ),
     Kind(
-        "energy",
-        "pulses",
-        "Discharge energy",
-        "(a) Energy of normal discharges and arcs, and (b) the removed volume over it, by depths that "
-        "were touched and by estimated ones. κ, volume over energy, is that of the last touched point "
-        "of each place; its ± is that of the depth alone, for the width is the tool's and the side "
-        "gap's of the profile, whose own κ is dashed.",
-        ("/entry/pulses", "/entry/results"),
+        "energy", "pulses", "Discharge energy",
+        "(a) Energy of normal discharges and arcs, and (b) the removed volume over it, by measured and by "
+        "estimated depths. κ, volume over energy, is that of the last touched point of each place; its ± is that "
+        "of the depth alone, for the width is the tool's and the side gap's of the profile, whose own κ is "
+        "dashed.",
+        ("pulses", "results"),
     ),
     Kind(
-        "spectrum",
-        "servo",
-        "Spectrum of the gap servo",
-        "Power spectral density of (a) gap voltage and (b) displacement while machining, without "
-        "jumps. Rows slower than 1 kHz are single samples: what is faster than half their rate is "
-        "folded in. A narrow line is something periodic, for instance a stage that moves in steps "
-        "along a path (speed over step).",
-        ("/entry/servo",),
+        "waveforms", "pulses", "The gap about a fault",
+        "(a) Voltage and (b) current of the last pulses before a fault and of the first ones after it, and (c), "
+        "(d) those about the fault in detail.",
+        ("waveforms", "black_box"),
     ),
     Kind(
-        "waveforms",
-        "pulses",
-        "The gap about a fault",
-        "(a) Voltage and (b) current of the last pulses before a fault and of the first ones after "
-        "it, and (c), (d) those about the fault in detail.",
-        ("/entry/waveforms", "/entry/black_box"),
+        "array", "holes", "Array of holes",
+        "(a) Depth error of each hole at its place on the work, under the number of its name; (b) the same and "
+        "(c) the tool wear, in the order of machining.",
+        ("results",),
     ),
     Kind(
-        "array",
-        "holes",
-        "Array of holes",
-        "(a) Depth error of each hole at its place on the work, under the number of its name; (b) the "
-        "same and (c) the tool wear, in the order of machining.",
-        ("/entry/results",),
+        "channel", "channel", "Channel",
+        "(a) The planned path and (b) the depth of the floor along it; of a simulated run also the true height "
+        "map.",
+        ("summary", "touches", "truth"),
     ),
-    Kind(
-        "channel",
-        "channel",
-        "Channel",
-        "(a) The planned path and (b) the depth of the floor along it; of a simulated run also the "
-        "true height map.",
-        ("/entry/summary", "/entry/touches", "/entry/truth"),
-    ),
-)
-
+)  # fmt: skip
 NAMES = (*(kind.name for kind in KINDS), REPORT)
 
 
@@ -212,6 +171,6 @@ def check_figure(name: str) -> None:
 
 
 def need_matplotlib() -> None:
-    """Raise PreconditionError (E8090) where matplotlib is not installed."""
+    """Raise PreconditionError (E8090) if matplotlib is not installed."""
     if importlib.util.find_spec("matplotlib") is None:
         raise failures.matplotlib_missing(install=installing("matplotlib"))

@@ -1,4 +1,4 @@
-"""One page with all there is to know of a run: HTML that needs nothing but itself, no script and no network."""
+"""One page about a run: HTML that needs nothing but itself, no script and no network."""
 
 from __future__ import annotations
 
@@ -50,11 +50,12 @@ _PRETTY = {"um": "µm", "um/s": "µm/s", "um3/uJ": "µm³/µJ", "us": "µs", "de
 
 
 def pictures_of(run: RunFile) -> list[Picture]:
-    """Draw all that the run has something for, and say why of the rest."""
-    return [
-        html.picture_of(kind.name, kind.title, kind.sees, partial(draw, kind, run), kind.datasets)
-        for kind in KINDS
-    ]
+    """Draw every kind of figure, or give the reason why the run has nothing for it."""
+    pictures = []
+    for kind in KINDS:
+        sources = tuple(f"/entry/{name}" for name in kind.datasets)
+        pictures.append(html.picture_of(kind.name, kind.title, kind.sees, partial(draw, kind, run), sources))
+    return pictures
 
 
 def render_page(
@@ -62,27 +63,25 @@ def render_page(
 ) -> str:
     """Return the page of an open run file.
 
-    sentences : in order of time; the first says what was wanted, the last what ended the run
-    trouble : what ended a run that is not done, and what to do about it; empty if unknown
+    sentences : in order of time; the first states the target, the last the end of the run
+    trouble : what ended a run that is not done, and the remedy; empty if unknown
     """
     run_id, status, sites = run.text("/entry/run_id"), run.text("/entry/status"), sites_of(run)
-    title, source = run.text("/entry/title") or run_id, _provenance(run)
+    title = run.text("/entry/title") or run_id
     history = [(duration(sentence.time_s), sentence.text) for sentence in sentences[1:]]
     every = _profile_values(run)
-    # All is read before the first figure is rendered.
-    wanted: list[PageTable | str] = [
-        *(html.paragraph(sentence.text) for sentence in sentences[:1]),
-        _overrides(run),
+    target: list[PageTable | str] = [html.paragraph(sentence.text) for sentence in sentences[:1]]
+    target += [_overrides(run), html.folded(every.caption, html.table(every)) if every.rows else ""]
+    numbers: list[PageTable | str] = [
+        html.tiles(_key_numbers(run, sites)),
+        _results(run, sites),
+        _touches(run),
+        _pulses(sites),
     ]
-    wanted += [html.folded(every.caption, html.table(every))] if every.rows else []
     story = PageTable("", ("at", ""), history, words=True)
-    sections: list[Sequence[PageTable | str]] = [
-        wanted,
-        [html.tiles(_key_numbers(run, sites)), _results(run, sites), _touches(run), _pulses(sites)],
-        html.figures(pictures),
-        [story],
-        [source],
-    ]
+    # All is read before the first figure is rendered.
+    others: list[list[PageTable | str]] = [[story], [_provenance(run)]]
+    sections: list[Sequence[PageTable | str]] = [target, numbers, html.figures(pictures), *others]
     body = [html.section(*names, parts) for names, parts in zip(_CONTENTS, sections, strict=True)]
     time_s = plain_number((run.summary() or {}).get("time_s"))
     took = f" · {duration(time_s)}" if math.isfinite(time_s) else ""
@@ -132,10 +131,10 @@ def _key_numbers(run: RunFile, sites: Sites) -> Iterator[tuple[str, str, str]]:
 
 
 def _results(run: RunFile, sites: Sites) -> PageTable:
-    """What was found: a row for each quantity of one hole, or for each of several; without holes, the summary."""
+    """Return a row for each quantity of one hole, or for each of several holes; without holes, the summary."""
     if not sites:
-        found = list(facts(run.summary() or {}))
-        return PageTable("What it found", ["quantity", "value"], found, words=True)
+        rows = list(facts(run.summary() or {}))
+        return PageTable("What it found", ["quantity", "value"], rows, words=True)
     return _one_site(sites[0]) if len(sites) == 1 else _many_sites(sites)
 
 
@@ -167,61 +166,57 @@ def _marked(site: RecordedSite, name: str, text: str, head: str = "result") -> s
     return marked(text, basis_of(name, site.depth_basis, site.wear_basis), head)
 
 
-def _machining(site: RecordedSite, words: str) -> str:
-    return f"{words}, through the sheet" if site.through else words
+def _machining(site: RecordedSite, text: str) -> str:
+    return f"{text}, through the sheet" if site.through else text
 
 
 def _one_site(site: RecordedSite) -> PageTable:
     truth, bases, through = site.truth, (site.depth_basis, site.wear_basis), site.through
     head = heading(bases)
-    from_voltage = {
-        name: with_u95(getattr(site, f"{name}_model_um"), getattr(site, f"{name}_model_u95_um"))
-        for name in ("depth", "wear")
-    }
-    depth = length_text(site, "depth", head=head)
+    depth, wear, feed = (length_text(site, name, head=head) for name in ("depth", "wear", "feed"))
     if through:
         depth = _marked(site, "depth", with_u95(site.beyond_exit_um, site.beyond_exit_u95_um), head)
-    feed_um = truth.feed_um if truth.is_known else math.nan
+    by_voltage = [
+        with_u95(getattr(site, f"{name}_model_um"), getattr(site, f"{name}_model_u95_um"))
+        for name in ("depth", "wear")
+    ]
+    true_feed_um = truth.feed_um if truth.is_known else math.nan
     cuts = f"{duration(site.machining_time_s)} in {plural(site.cuts, 'cut')}"
-    rows: list[tuple[str, str, str, float]] = [
-        (BEYOND_EXIT if through else "depth, Z2 − Z3", depth, from_voltage["depth"], truth.depth_um),
-        ("tool wear, Z3 − Z1", length_text(site, "wear", head=head), from_voltage["wear"], truth.wear_um),
-        ("hole, as long as the sheet is thick", decimal(site.length_um) if through else "", "", math.nan),
-        ("feed, Z2 − Z1", length_text(site, "feed", head=head), "", feed_um),
-    ]
-    ratios = [
-        _marked(site, "wear_ratio", decimal(ratio, 3), head)
-        for ratio in (site.wear_ratio_lin, site.wear_ratio_vol)
-    ]
-    others = {
+    measured = {
+        "hole, as long as the sheet is thick": decimal(site.length_um) if through else "",
         "Z1, surface before": decimal(site.z1_um),
         "Z2, tip at the end" if through else "Z2, bottom": decimal(site.z2_um),
         "Z3, surface after": decimal(site.z3_um),
         "machining time": _machining(site, cuts),
         "removal rate (MRR), 10⁻³ mm³/min": _marked(site, "mrr", decimal(1e3 * site.mrr_mm3_min, 3), head),
-        "wear ratio, lengths": ratios[0],
-        "wear ratio, volumes": ratios[1],
+        "wear ratio, lengths": _marked(site, "wear_ratio", decimal(site.wear_ratio_lin, 3), head),
+        "wear ratio, volumes": _marked(site, "wear_ratio", decimal(site.wear_ratio_vol, 3), head),
         "discharge energy, J": significant(site.energy_j),
     }
-    true_ones = {
+    true_um = {
         "side gap": truth.side_gap_um,
         "taper, wider at the mouth": truth.taper_um,
         "roughness Ra": truth.ra_um,
         "roughness Rz": truth.rz_um,
         "radius of the corner": truth.corner_um,
     }
-    rows += [(name, text, "", math.nan) for name, text in others.items()]
-    rows += [(name, "", "", value_um) for name, value_um in true_ones.items()]
-    rows.append(("verdict", (is_doubtful(site.verdict) and site.verdict) or "", "", math.nan))
+    rows = [
+        (BEYOND_EXIT if through else "depth, Z2 − Z3", depth, by_voltage[0], truth.depth_um),
+        ("tool wear, Z3 − Z1", wear, by_voltage[1], truth.wear_um),
+        ("feed, Z2 − Z1", feed, "", true_feed_um),
+        *((name, text, "", math.nan) for name, text in measured.items()),
+        *((name, "", "", value_um) for name, value_um in true_um.items()),
+        ("verdict", site.verdict or "" if is_doubtful(site.verdict) else "", "", math.nan),
+    ]
     header, width = [site.name, head, "from voltage alone", "truth (simulated)"], 4 if truth.is_known else 3
-    cells = [[*words, decimal(true) if math.isfinite(true) else ""][:width] for *words, true in rows]
+    cells = [[*texts, decimal(true) if math.isfinite(true) else ""][:width] for *texts, true in rows]
     shown = [row for row in cells if {*row[1:]} - {"", UNKNOWN}]
     notes = [U95_NOTE, FEED_NOTE if math.isfinite(site.feed_um) else "", *meanings(bases, head)]
     return PageTable("Results", header[:width], shown, " ".join(filter(None, notes)))
 
 
 def _pulses(sites: Sites) -> PageTable:
-    """How many pulses of which class, for each site and altogether."""
+    """Return the pulses by class, for each site and in total."""
     totals = sites.totals
     counted = [(site.name, site.pulses, site.ratios) for site in sites if totals.pulses]
     if len(counted) > 1:
@@ -234,7 +229,7 @@ def _pulses(sites: Sites) -> PageTable:
 
 
 def _touches(run: RunFile) -> PageTable:
-    """Every reading of surface and bottom."""
+    """Return every reading of surface and bottom."""
     numbers = ("z_sensor", "z_model", "v_cmd", "n", "sd", "drift")
     rows = [
         [
@@ -254,7 +249,7 @@ def _touches(run: RunFile) -> PageTable:
 
 
 def _profile_values(run: RunFile) -> PageTable:
-    """Every value of the profile in effect; those of the simulator only where it ran."""
+    """Return every value of the profile in effect, with those of the simulator if it ran."""
     values = run.profile_values()
     simulated = run.is_simulated
     rows = [
@@ -266,14 +261,14 @@ def _profile_values(run: RunFile) -> PageTable:
 
 
 def _overrides(run: RunFile) -> PageTable:
-    """What was changed against the profile's own text, for this run."""
+    """Return the overrides of this run."""
     lines = run.text("/entry/profile/overrides").splitlines()
     rows = [line.partition(" = ")[::2] for line in lines if line.endswith("--set)")]
     return PageTable("Changed for this run", ["key", "value"], rows, words=True)
 
 
 def _provenance(run: RunFile) -> PageTable:
-    """Machine, calibration, versions and seed: what it takes to evaluate or repeat the run."""
+    """Return machine, calibration, versions and seed: the data to evaluate or repeat the run."""
     seed = "" if run.seed is None else f", seed {run.seed}"
     command = run.text("/entry/command")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from string import ascii_lowercase
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -108,7 +109,7 @@ def grow(figure: Figure, above_mm: float = 0.0, below_mm: float = 0.0) -> None:
 
 
 def new_figure(height_mm: float, width_mm: float = COLUMN_MM) -> Figure:
-    """Return an empty figure for labels of any length, as names of factors: its margins follow from its texts."""
+    """Return an empty figure for labels of any length: its margins follow from its texts."""
     layout = ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.02, wspace=0.02)
     return Figure(figsize=(width_mm / 25.4, height_mm / 25.4), layout=layout)
 
@@ -123,7 +124,7 @@ def mark_below(figure: Figure, words: str) -> None:
 
 def letter_panels(axes: Iterable[Axes]) -> None:
     """Put (a), (b), … above the left end of every panel."""
-    for one, letter in zip(axes, "abcdefghijklmnopqrstuvwxyz", strict=False):
+    for one, letter in zip(axes, ascii_lowercase, strict=False):
         one.set_title(f"({letter})", loc="left", pad=2.0)
 
 

@@ -1,7 +1,7 @@
 """Statistics of the pulses of a run: counts by class and time, ignition delays, discharge energies.
 
-A working day has 66 million pulses. They are read part by part, in constant memory; which pulse belongs to which
-interval follows from the segments of constant period, without the time of a single one.
+A working day has 66 million pulses. They are read part by part, in constant memory; the interval of each pulse
+follows from the segments of constant period, without the time of a single one.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _STEPS = 1 << 16
 _LAG_SHARE = 0.001
 """Share of the delays before which ignition counts as not begun: the time that a breakdown takes to form."""
 FINE = 4096
-"""Bins of energy that are counted; `SHOWN` or more are left when the range that is used is known."""
+"""Bins of energy that are counted; they are merged to `SHOWN` or more over the range that is used."""
 SHOWN = 48
 
 
@@ -68,11 +68,6 @@ def pulse_counts(run: RunFile, edges_s: Array) -> Integers:
     return counts
 
 
-def current_a(run: RunFile) -> float:
-    """Return the mean discharge current that the profile gives."""
-    return float(run.profile_values().get("pulse.current_a", np.nan))
-
-
 def rows_at(run: RunFile, times_s: Array) -> NDArray[np.int64]:
     """Return the first row of `/entry/pulses/full` that is not before each of the times, which rise."""
     segments = run.columns(layout.SEGMENTS.path)
@@ -86,7 +81,7 @@ def rows_at(run: RunFile, times_s: Array) -> NDArray[np.int64]:
     return kept
 
 
-def pulse_blocks(
+def _pulses(
     run: RunFile, first: int, stop: int, names: Sequence[str]
 ) -> Iterator[tuple[int, dict[str, NDArray[Any]]]]:
     """Yield the number of the first row, and columns of `/entry/pulses/full`, part by part."""
@@ -98,11 +93,11 @@ def pulse_blocks(
 def _by_interval(
     run: RunFile, edges_s: Array, names: Sequence[str]
 ) -> Iterator[tuple[Integers, dict[str, NDArray[Any]]]]:
-    """Yield columns of single pulses, or of blocks of them, between edges, with the interval that each row is in."""
+    """Yield columns of single pulses, or of blocks of them, between edges, and the interval of each row."""
     intervals = len(edges_s) - 1
     if has_every_pulse(run):
         edges = rows_at(run, edges_s)
-        for first, columns in pulse_blocks(run, int(edges[0]), int(edges[-1]), names):
+        for first, columns in _pulses(run, int(edges[0]), int(edges[-1]), names):
             ends = np.clip(edges, first, first + len(columns[names[0]]))
             yield np.repeat(np.arange(intervals, dtype=np.int32), np.diff(ends)), columns
         return
@@ -117,7 +112,7 @@ class Delays:
     """Pulses by their delay, in steps of 0.1 µs.
 
     ignited : ndarray, shape (n,), normal discharges after that delay
-    censored : ndarray, shape (n,), pulses that had not ignited when an on-time of that length was over
+    censored : ndarray, shape (n,), pulses that had not ignited after an on-time of that length
     """
 
     ignited: Integers
@@ -134,8 +129,8 @@ class Delays:
         """Share of pulses without a spark after each delay, shape (n,), by Kaplan and Meier."""
         at_risk = self.at_risk
         with np.errstate(invalid="ignore", divide="ignore"):
-            lasting: Array = np.where(at_risk > 0, 1.0 - self.ignited / at_risk, np.nan)
-        return lasting.cumprod()
+            steps: Array = np.where(at_risk > 0, 1.0 - self.ignited / at_risk, np.nan)
+        return steps.cumprod()
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +138,7 @@ class RandomIgnition:
     """The exponential law by maximum likelihood, open pulses counted as not yet ignited.
 
     Survivors follow exp(-(t - lag) / mean) after the lag; `mean_u95_us` is half the 95 % interval of the mean, and
-    `ignited` and `censored` are how many pulses it is from.
+    `ignited` and `censored` are the numbers of pulses in it.
     """
 
     lag_us: float
@@ -160,7 +155,7 @@ def delays(run: RunFile, cuts_s: Array) -> Delays:
     """
     counts = np.zeros((2, _STEPS), np.int64)
     for first, stop in rows_at(run, cuts_s.ravel()).reshape(-1, 2).tolist():
-        for _, columns in pulse_blocks(run, first, stop, ("pulse_class", "td")):
+        for _, columns in _pulses(run, first, stop, ("pulse_class", "td")):
             kind = columns["pulse_class"]
             rounded = np.rint(columns["td"] / np.float32(STEP_US)).astype(np.int32)
             for k, wanted in enumerate((NORMAL, OPEN)):
@@ -170,25 +165,23 @@ def delays(run: RunFile, cuts_s: Array) -> Delays:
     return Delays(counts[0, :end], counts[1, :end])
 
 
-def random_ignition(found: Delays) -> RandomIgnition | None:
-    """Fit random ignition; None where fewer than two pulses ignited after the lag."""
-    total = int(found.ignited.sum())
-    if total < 2:
-        return None
-    lag = int(np.searchsorted(np.cumsum(found.ignited), max(1.0, _LAG_SHARE * total)))
-    after = np.arange(len(found.ignited)) - lag
+def random_ignition(counted: Delays) -> RandomIgnition | None:
+    """Fit random ignition; None if fewer than two pulses ignited after the lag."""
+    total = int(counted.ignited.sum())
+    lag = int(np.searchsorted(np.cumsum(counted.ignited), max(1.0, _LAG_SHARE * total)))
+    after = np.arange(len(counted.ignited)) - lag
     later = after > 0
-    ignited, censored = int(found.ignited[later].sum()), int(found.censored[later].sum())
-    waited = STEP_US * float(((found.ignited + found.censored) * after)[later].sum())
+    ignited, censored = int(counted.ignited[later].sum()), int(counted.censored[later].sum())
     if ignited < 2:
         return None
-    mean_us = waited / ignited
+    waited_us = STEP_US * float(((counted.ignited + counted.censored) * after)[later].sum())
+    mean_us = waited_us / ignited
     return RandomIgnition(STEP_US * lag, mean_us, half_width(mean_us / math.sqrt(ignited)), ignited, censored)
 
 
 @dataclass(frozen=True, slots=True)
 class SparkEnergies:
-    """How many discharges had which energy, and what they came to.
+    """Numbers of discharges by their energy, and their sums.
 
     edges_uj : ndarray, shape (n + 1,)
     normal, arc : ndarrays, shape (n,); all discharges of a block count as `normal`, with their mean energy
@@ -206,13 +199,28 @@ class SparkEnergies:
 def spark_energies(run: RunFile, edges_s: Array) -> SparkEnergies | None:
     """Count normal discharges and arcs by their energy, and sum it up between `edges_s`, shape (m + 1,), which rise.
 
-    The energy of a single one is plateau voltage × discharge time × the current at that plateau. None where there
-    were no discharges.
+    The energy of a single one is plateau voltage × discharge time × the current at that plateau. None without
+    discharges.
     """
-    # What a single discharge had follows from the current, and that changed from regime to regime.
-    is_single = has_every_pulse(run) and not _regimes(run)
-    width_uj = _largest_uj(run) / FINE
-    counts, sums_uj = (_sum_pulses if is_single else _sum_blocks)(run, edges_s, width_uj)
+    values = run.profile_values()
+    regimes: list[dict[str, float]] = json.loads(str(values.get("regimes", "[]")))
+    # The current of a single discharge follows from the profile's, which changes from regime to regime.
+    is_single = has_every_pulse(run) and not regimes
+    open_v, plateau_v, current_a, duty, frequency_hz = (
+        float(values[f"pulse.{name}"])
+        for name in ("open_voltage_v", "discharge_voltage_v", "current_a", "duty", "frequency_hz")
+    )
+    # Of the resistor that makes the current: an arc's plateau lets more through.
+    siemens = current_a / max(open_v - plateau_v, 0.1)
+    charges = [one["current_a"] * one["duty"] / one["frequency_hz"] for one in regimes]
+    charges = charges or [current_a * duty / frequency_hz]
+    # The largest energy is all through the on-time at half the open voltage.
+    largest_uj = 1.001 * 0.25 * open_v**2 * siemens / current_a * max(charges) * 1e6
+    width_uj = largest_uj / FINE
+    if is_single:
+        counts, sums_uj = _sum_pulses(run, edges_s, width_uj, open_v, siemens)
+    else:
+        counts, sums_uj = _sum_blocks(run, edges_s, width_uj)
     used = np.flatnonzero(counts.any(axis=0))
     if not len(used):
         return None
@@ -226,8 +234,9 @@ def spark_energies(run: RunFile, edges_s: Array) -> SparkEnergies | None:
     return SparkEnergies(edges_uj, normal, arc, sums_uj, is_single)
 
 
-def _sum_pulses(run: RunFile, edges_s: Array, width_uj: float) -> tuple[Array, Array]:
-    open_v, siemens = _generator(run)
+def _sum_pulses(
+    run: RunFile, edges_s: Array, width_uj: float, open_v: float, siemens: float
+) -> tuple[Array, Array]:
     counts, sums_uj = np.zeros(4 * FINE), np.zeros(len(edges_s) - 1)
     for interval, columns in _by_interval(run, edges_s, ("pulse_class", "te", "u")):
         kind, plateau_v = columns["pulse_class"] & 3, columns["u"]
@@ -249,28 +258,3 @@ def _sum_blocks(run: RunFile, edges_s: Array, width_uj: float) -> tuple[Array, A
         counts[0] += np.bincount(bins, sparks[used], minlength=FINE)
         sums_uj += np.bincount(interval[used], energy_uj[used], minlength=len(sums_uj))
     return counts, sums_uj
-
-
-def _largest_uj(run: RunFile) -> float:
-    """The most that a discharge of these settings can have: all through the on-time at half the open voltage."""
-    values = run.profile_values()
-    open_v, siemens = _generator(run)
-    base = {name: float(values[f"pulse.{name}"]) for name in ("current_a", "duty", "frequency_hz")}
-    charges = [one["current_a"] * one["duty"] / one["frequency_hz"] for one in _regimes(run) or [base]]
-    return 1.001 * 0.25 * open_v**2 * siemens / base["current_a"] * max(charges) * 1e6
-
-
-def _regimes(run: RunFile) -> list[dict[str, float]]:
-    """The regimes of a hole, each with its pulses; none where all were the profile's."""
-    found: list[dict[str, float]] = json.loads(str(run.profile_values().get("regimes", "[]")))
-    return found
-
-
-def _generator(run: RunFile) -> tuple[float, float]:
-    """Open voltage, and the conductance of the resistor that makes the current: an arc's plateau lets more through.
-
-    The current of the profile is that at the plateau of a normal discharge.
-    """
-    values = run.profile_values()
-    open_v, plateau_v = (float(values[f"pulse.{name}"]) for name in ("open_voltage_v", "discharge_voltage_v"))
-    return open_v, current_a(run) / max(open_v - plateau_v, 0.1)

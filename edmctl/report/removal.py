@@ -1,13 +1,13 @@
 """What a run removed: the depths of its holes as they became known, the volumes, and the path of a channel.
 
-A later touch corrects what was estimated before it: events hold what was known then, the results what is known at
-the end. So the last value of each hole is that of its result.
+A later touch corrects an earlier estimate: events hold the knowledge of their time, the results that of the end. So
+the last value of each hole is that of its result.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,19 +18,11 @@ from edmctl.labels import Basis
 from edmctl.record import layout
 from edmctl.record.reader import RunFile, recorded_events
 from edmctl.record.rows import RunEvent
-from edmctl.record.run_index import sites_of
+from edmctl.record.run_index import DEPTH_EVENTS, has_depth, sites_of
 from edmctl.report.signals import ROW_S, floats, intervals
 from edmctl.results.run_file import RecordedSite
 from edmctl.wording import plain_number
 
-Values = Mapping[str, float | int | str | bool]
-
-_DEPTH_EVENTS = (
-    RunEvent.SITE_MEASURED,
-    RunEvent.SITE_ESTIMATED,
-    RunEvent.CHANNEL_MEASURED,
-    RunEvent.LEFT_UNMEASURED,
-)
 _ESTIMATES = (RunEvent.SITE_ESTIMATED, RunEvent.LEFT_UNMEASURED)
 SAME_HOLE_SHARE = 0.5
 """A cut that begins at less of the depth that the cut before ended with, begins another hole."""
@@ -40,10 +32,10 @@ CHORD_UM = 5.0
 
 @dataclass(frozen=True, slots=True)
 class KnownDepth:
-    """Depth and wear of a hole at a time, µm, NaN where unknown: a hole through the sheet has no depth.
+    """Depth and wear of a hole at a time, µm, NaN if unknown: a hole through the sheet has no depth.
 
-    `hole` numbers the holes from 0 in the order in which they were cut; `touched` and `wear_touched` are whether
-    depth and wear were touched, not taken from feed and energy.
+    `hole` numbers the holes from 0 in the order of cutting; `touched` and `wear_touched` are whether depth and wear
+    were measured by contact, not estimated from feed and energy.
     """
 
     time_s: float
@@ -58,25 +50,32 @@ class KnownDepth:
 
 def known_depths(run: RunFile, began_s: Array) -> list[KnownDepth]:
     """Return the depths in order of time; `began_s` are the starts of the holes, by `hole_starts_s`."""
-    known = [
-        KnownDepth(
-            event.time_s,
-            _hole(began_s, event.time_s),
-            event.code not in _ESTIMATES,
-            event.code not in _ESTIMATES,
-            *(event.number(name) for name in ("depth_um", "depth_u95_um", "wear_um", "wear_u95_um")),
-        )
-        for event in recorded_events(run, *_DEPTH_EVENTS)
-        if event.code != RunEvent.LEFT_UNMEASURED or math.isfinite(event.number("depth_u95_um"))
-    ]
+
+    def hole_at(time_s: float) -> int:
+        return max(0, int(np.searchsorted(began_s, time_s, side="right")) - 1)
+
+    names = ("depth_um", "depth_u95_um", "wear_um", "wear_u95_um")
+    known = []
+    for event in filter(has_depth, recorded_events(run, *DEPTH_EVENTS)):
+        touched = (event.code not in _ESTIMATES,) * 2
+        known.append(KnownDepth(event.time_s, hole_at(event.time_s), *touched, *map(event.number, names)))
     sites = sites_of(run)
-    if not known:
-        return _of_results(run, sites, began_s)
-    last = {depth.hole: k for k, depth in enumerate(known)}
-    if len(last) == len(sites):
-        for (hole, k), site in zip(sorted(last.items()), sites, strict=True):
-            known[k] = _result(site, known[k].time_s, hole)
-    return known
+    if known:
+        last = {depth.hole: k for k, depth in enumerate(known)}
+        if len(last) == len(sites):
+            for (hole, k), site in zip(sorted(last.items()), sites, strict=True):
+                known[k] = _of_result(site, known[k].time_s, hole)
+        return known
+    # Without events, at the last touch of each site: holes through the sheet, whose bottom was not touched.
+    touches = run.table(layout.TOUCHES.path)
+    last_s = {row["site"].decode(errors="ignore"): float(row["time"]) for row in touches}
+    through = [
+        _of_result(site, last_s[site.name], hole_at(last_s[site.name]))
+        for site in sites
+        if site.name in last_s
+    ]
+    without_depth = [replace(depth, depth_um=math.nan, depth_u95_um=math.nan) for depth in through]
+    return sorted(without_depth, key=lambda depth: depth.time_s)
 
 
 def hole_starts_s(run: RunFile) -> Array:
@@ -91,40 +90,19 @@ def hole_starts_s(run: RunFile) -> Array:
     return np.array(began)
 
 
-def _of_results(run: RunFile, sites: Sequence[RecordedSite], began_s: Array) -> list[KnownDepth]:
-    """Results at the last touch of their sites; holes through the sheet have no bottom that was touched."""
-    last_s = {
-        row["site"].decode(errors="ignore"): float(row["time"]) for row in run.table(layout.TOUCHES.path)
-    }
-    found = [
-        replace(
-            _result(site, last_s[site.name], _hole(began_s, last_s[site.name])),
-            depth_um=math.nan,
-            depth_u95_um=math.nan,
-        )
-        for site in sites
-        if site.name in last_s
-    ]
-    return sorted(found, key=lambda depth: depth.time_s)
-
-
-def _result(site: RecordedSite, time_s: float, hole: int) -> KnownDepth:
+def _of_result(site: RecordedSite, time_s: float, hole: int) -> KnownDepth:
     values = (site.depth_um, site.depth_u95_um, site.wear_um, site.wear_u95_um)
     depth, wear = (basis in (Basis.TOUCHED, Basis.MODEL) for basis in (site.depth_basis, site.wear_basis))
     return KnownDepth(time_s, hole, depth, wear, *values)
-
-
-def _hole(began_s: Array, time_s: float) -> int:
-    return max(0, int(np.searchsorted(began_s, time_s, side="right")) - 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Removal:
     """Volumes at the n times at which a depth became known: ndarrays of shape (n,).
 
-    `hole` numbers the holes from 0 in the order in which they were cut; `began_s` are the beginnings of all of them,
-    shape (holes,). Volumes are those of one hole, µm³, with half their 95 % interval by that of the depth alone;
-    `touched` where the depth was measured, not taken from the energy.
+    `hole` numbers the holes from 0 in the order of cutting; `began_s` are the beginnings of all of them, shape
+    (holes,). Volumes are those of one hole, µm³, with half their 95 % interval by that of the depth alone; `touched`
+    if the depth was measured by contact, not estimated from the energy.
     """
 
     began_s: Array
@@ -137,7 +115,7 @@ class Removal:
 
 @dataclass(frozen=True, slots=True)
 class Kappa:
-    """Volume per energy in µm³/µJ, half its 95 % interval by that of the depths, and of how many holes it is."""
+    """Volume per energy in µm³/µJ, half its 95 % interval by that of the depths, and the number of holes in it."""
 
     value: float
     u95: float
@@ -145,10 +123,17 @@ class Kappa:
 
 
 def removal(run: RunFile) -> Removal:
-    """Return the volumes of the holes of a run each time that their depth became known."""
+    """Return the volumes of the holes of a run each time that their depth became known.
+
+    The section is that of the tool with the side gap all round, along a channel its width times the length.
+    """
+    values, path_um = run.profile_values(), planned_path(run)
+    width_um = float(values["tool.diameter_um"]) + 2.0 * float(values["work.side_gap_um"])
+    section_um2 = math.pi / 4.0 * width_um**2
+    if path_um is not None:
+        section_um2 = width_um * float(lengths_um(path_um)[-1])
     began_s = hole_starts_s(run)
     known = [depth for depth in known_depths(run, began_s) if math.isfinite(depth.depth_um)]
-    section_um2 = _section_um2(run)
     return Removal(
         began_s=began_s,
         time_s=np.array([depth.time_s for depth in known]),
@@ -159,102 +144,91 @@ def removal(run: RunFile) -> Removal:
     )
 
 
-def in_this_run(found: Removal, energy_uj: Array) -> Removal:
+def in_this_run(removed: Removal, energy_uj: Array) -> Removal:
     """Return the volumes less what earlier runs of the job had removed: known before any spark of this one.
 
     energy_uj : ndarray, shape (n,), energy spent on the hole of each row until then
     """
-    before = {int(hole): k for k, hole in reversed(list(enumerate(found.hole))) if energy_uj[k] <= 0.0}
-    kept = np.array([k not in before.values() for k in range(len(found.hole))], np.bool_)
+    before = {int(hole): k for k, hole in reversed(list(enumerate(removed.hole))) if energy_uj[k] <= 0.0}
+    kept = np.array([k not in before.values() for k in range(len(removed.hole))], np.bool_)
     earlier_um3, earlier_u95_um3 = (
-        np.array([values[before[hole]] if hole in before else 0.0 for hole in found.hole.tolist()])
-        for values in (found.volume_um3, found.volume_u95_um3)
+        np.array([values[before[hole]] if hole in before else 0.0 for hole in removed.hole.tolist()])
+        for values in (removed.volume_um3, removed.volume_u95_um3)
     )
     return replace(
-        found,
-        time_s=found.time_s[kept],
-        hole=found.hole[kept],
-        volume_um3=(found.volume_um3 - earlier_um3)[kept],
-        volume_u95_um3=np.hypot(found.volume_u95_um3, earlier_u95_um3)[kept],
-        touched=found.touched[kept],
+        removed,
+        time_s=removed.time_s[kept],
+        hole=removed.hole[kept],
+        volume_um3=(removed.volume_um3 - earlier_um3)[kept],
+        volume_u95_um3=np.hypot(removed.volume_u95_um3, earlier_u95_um3)[kept],
+        touched=removed.touched[kept],
     )
 
 
-def cumulated(found: Removal) -> tuple[Array, Array]:
+def cumulated(removed: Removal) -> tuple[Array, Array]:
     """Return the volume of all holes so far at each time, and half its 95 % interval, shape (n,), µm³."""
-    volume_um3, u95_um3 = np.zeros(len(found.time_s)), np.zeros(len(found.time_s))
-    for k, hole in enumerate(found.hole):
-        latest = {int(other): i for i, other in enumerate(found.hole[: k + 1])}
-        latest[int(hole)] = k
+    volume_um3, u95_um3 = np.zeros(len(removed.time_s)), np.zeros(len(removed.time_s))
+    latest: dict[int, int] = {}
+    for k, hole in enumerate(removed.hole.tolist()):
+        latest[hole] = k
         rows = list(latest.values())
-        volume_um3[k] = found.volume_um3[rows].sum()
-        u95_um3[k] = math.hypot(*found.volume_u95_um3[rows])
+        volume_um3[k] = removed.volume_um3[rows].sum()
+        u95_um3[k] = math.hypot(*removed.volume_u95_um3[rows])
     return volume_um3, u95_um3
 
 
-def kappa(found: Removal, energy_uj: Array) -> Kappa | None:
-    """Return volume over energy of the holes that were touched; None where none was.
+def kappa(removed: Removal, energy_uj: Array) -> Kappa | None:
+    """Return volume over energy of the holes with a measured depth; None if there is none.
 
     energy_uj : ndarray, shape (n,), energy spent on the hole of each row until then
     """
-    last = {int(hole): k for k, hole in enumerate(found.hole) if found.touched[k]}
-    rows = [k for k in last.values() if energy_uj[k] > 0.0 and found.volume_um3[k] > 0.0]
+    last = {int(hole): k for k, hole in enumerate(removed.hole) if removed.touched[k]}
+    rows = [k for k in last.values() if energy_uj[k] > 0.0 and removed.volume_um3[k] > 0.0]
     if not rows:
         return None
     total_uj = float(energy_uj[rows].sum())
-    u95_um3 = math.hypot(*found.volume_u95_um3[rows])
-    return Kappa(float(found.volume_um3[rows].sum()) / total_uj, u95_um3 / total_uj, len(rows))
-
-
-def _section_um2(run: RunFile) -> float:
-    """Volume per depth: the tool with the side gap all round, or along a channel its width times its length."""
-    values = run.profile_values()
-    width_um = float(values["tool.diameter_um"]) + 2.0 * float(values["work.side_gap_um"])
-    path_um = planned_path(run)
-    if path_um is None:
-        return math.pi / 4.0 * width_um**2
-    return width_um * float(lengths_um(path_um)[-1])
+    u95_um3 = math.hypot(*removed.volume_u95_um3[rows])
+    return Kappa(float(removed.volume_um3[rows].sum()) / total_uj, u95_um3 / total_uj, len(rows))
 
 
 def planned_path(run: RunFile) -> Array | None:
-    """Return points of the way in stage coordinates, shape (n, 2), µm; None where no channel is planned."""
+    """Return points of the path in stage coordinates, shape (n, 2), µm; None if no channel is planned."""
     values = run.profile_values()
-    kind = values.get("path.kind")
-    if kind == "rectangle":
-        half = 0.5 * np.array([_value(values, "width_um"), _value(values, "height_um")])
-        points = half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
-    elif kind == "circle":
-        points = _turning(_value(values, "radius_um"), 0.0, 1.0)
-    elif kind == "spiral":
-        points = _turning(_value(values, "radius_um"), _value(values, "pitch_um"), _value(values, "turns"))
-    else:
-        return None
-    whole: Array = points + np.array([_value(values, "x_um"), _value(values, "y_um")])
-    return whole
+
+    def value(name: str) -> float:
+        return float(values[f"path.{name}"])
+
+    match values.get("path.kind"):
+        case "rectangle":
+            half = 0.5 * np.array([value("width_um"), value("height_um")])
+            points: Array = half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
+        case "circle":
+            points = _turns(value("radius_um"), 0.0, 1.0)
+        case "spiral":
+            points = _turns(value("radius_um"), value("pitch_um"), value("turns"))
+        case _:
+            return None
+    points += np.array([value("x_um"), value("y_um")])
+    return points
 
 
-def _value(values: Values, key: str) -> float:
-    return float(values[f"path.{key}"])
-
-
-def _turning(inner_um: float, pitch_um: float, turns: float) -> Array:
-    """Turns about the origin from the x axis on, each further out by the pitch."""
+def _turns(inner_um: float, pitch_um: float, turns: float) -> Array:
+    """Return turns about the origin from the x axis on, each further out by the pitch."""
     mean_um = inner_um + 0.5 * pitch_um * turns
     pieces = max(8, math.ceil(2.0 * math.pi * mean_um * turns / CHORD_UM))
     turned = turns * np.arange(pieces + 1) / pieces
-    radii_um = inner_um + pitch_um * turned
-    angles = 2.0 * math.pi * turned
+    radii_um, angles = inner_um + pitch_um * turned, 2.0 * math.pi * turned
     return np.column_stack([radii_um * np.cos(angles), radii_um * np.sin(angles)])
 
 
 def lengths_um(points_um: Array) -> Array:
-    """Return the length of the way up to each point, shape (n,), for points of shape (n, 2)."""
+    """Return the length of the path up to each point, shape (n,), for points of shape (n, 2)."""
     steps: Array = np.hypot(*np.diff(points_um, axis=0).T)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def along(points_um: Array, step_um: float) -> tuple[Array, Array]:
-    """Return lengths every `step_um` along the way, shape (n,), and the places there, shape (n, 2)."""
+    """Return lengths every `step_um` along the path, shape (n,), and the places there, shape (n, 2)."""
     up_to_um = lengths_um(points_um)
     s_um = np.arange(0.0, up_to_um[-1], step_um)
     return s_um, np.column_stack([np.interp(s_um, up_to_um, axis) for axis in points_um.T])

@@ -99,12 +99,6 @@ def pictures(run_file: Path) -> list[Picture]:
 
 
 @pytest.fixture(scope="session")
-def held_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the file of the same hole with every contact held for 5 s."""
-    return _machined(tmp_path_factory, "held_run", CU270, "target.depth_um=8", "measure.dwell_s=5")
-
-
-@pytest.fixture(scope="session")
 def full_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of the same hole with every pulse, and the servo at 1 kHz."""
     settings = ("target.depth_um=8", 'log.pulses="full"', "log.servo_hz=1000.0")

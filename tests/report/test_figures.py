@@ -44,7 +44,7 @@ def test_every_figure_of_a_simulated_run_says_so_and_its_caption_names_the_panel
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["held_run", "full_run", "array_run", "faulted_run", "channel_run"])
+@pytest.mark.parametrize("name", ["full_run", "array_run", "faulted_run", "channel_run"])
 def test_every_kind_of_figure_of_a_run_keeps_its_text(name: str, request: pytest.FixtureRequest) -> None:
     path: Path = request.getfixturevalue(f"{name}_file")
     made = 0

@@ -13,10 +13,9 @@ pytest.importorskip("matplotlib")
 
 from edmctl.record.reader import RecordedState, open_run
 from edmctl.record.rows import SlowRow
-from edmctl.report.figures.servo import segment_size, welch
 from edmctl.report.signals import envelopes, rows_worked, spans_in
 from tests.report.drawing import data, drawn, legend_of, line_called, overlaps, texts, why_not, width_mm
-from tests.report.made_up import IDLE, JUMP, TOUCH, a_cut, a_touch, finished, sites
+from tests.report.made_up import IDLE, TOUCH, a_cut, a_touch, finished, sites
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-KINDS = ("gap", "displacement", "steps", "touching", "spectrum")
+KINDS = ("gap", "displacement", "steps", "touching")
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -127,8 +126,6 @@ def test_a_run_without_a_sensor_is_drawn_by_its_estimate_and_one_without_an_esti
     blind = finished(tmp_path, replace(signals, sensor_um=unknown), name="blind.h5")
     assert "estimated" in legend_of(drawn("gap", blind))
     assert "no displacement sensor" in why_not("displacement", blind)
-    labels = [axes.get_ylabel() for axes in drawn("spectrum", blind).axes]
-    assert "power density of\nactuator voltage (mV²/Hz)" in labels
     bare = finished(tmp_path, replace(signals, model_um=unknown), name="bare.h5")
     assert "conditioned or calibrated" in why_not("displacement", bare)
 
@@ -200,8 +197,6 @@ def test_touching_marks_the_contacts_of_the_last_bottom_below_all_readings(run_f
             assert values[-1] == readings[readings["kind"] == row["kind"]][column][-1]
     begin, end = lower.get_xlim()
     assert begin < readings["time"][0] < readings["time"][-1] < end
-    # Of short holds nothing is written.
-    assert not [text for axes in figure.axes for text in axes.texts if " V" in text.get_text()]
 
 
 @pytest.mark.slow
@@ -211,55 +206,6 @@ def test_a_long_name_of_a_site_lies_on_nothing(tmp_path: Path) -> None:
     path = finished(tmp_path, a_cut(20.0), *touches)
     assert "Touches of Z2: 3141 µm along the path of the left one o…" in texts("touching", path)
     assert not overlaps(drawn("touching", path))
-
-
-def test_a_long_hold_is_shown_whole_with_the_voltage_that_sinks_and_the_sensor_that_stays(
-    held_run_file: Path,
-) -> None:
-    voltage, _, displacement, _ = drawn("touching", held_run_file).axes[-4:]
-    contacts_s = [data(line)[0][0] for line in voltage.get_lines() if line.get_linewidth() == 0.6]
-    assert voltage.get_xlim()[1] > contacts_s[-1] + 5.0
-    sunk_v = [float(text.get_text().split()[0].replace("−", "-")) for text in voltage.texts]
-    moved_um = [float(text.get_text().split()[0].replace("−", "-")) for text in displacement.texts]
-    assert len(sunk_v) == len(moved_um) == len(contacts_s) > 1
-    assert sunk_v[0] < -0.05
-    assert max(map(abs, moved_um)) <= 0.2
-
-
-@pytest.mark.slow
-def test_a_spectrum_says_its_segments_and_what_is_folded_in(
-    tmp_path: Path, run_file: Path, full_run_file: Path
-) -> None:
-    assert "1 segment of 5.12 s, 100 Hz" in texts("spectrum", finished(tmp_path, a_cut(6.0)))
-    assert "faster than 50 Hz: folded in" in texts("spectrum", run_file)
-    assert not any("folded" in text for text in texts("spectrum", full_run_file))
-
-
-def test_the_power_of_a_spectrum_is_that_of_the_signal() -> None:
-    rng = np.random.default_rng(3)
-    _, density = welch([rng.normal(0.0, 2.0, 1024) for _ in range(200)], 100.0)
-    assert density.sum() * 100.0 / 1024 == pytest.approx(4.0, rel=0.02)
-    time_s = np.arange(1024) / 100.0
-    frequency_hz, density = welch([3.0 * np.sin(2.0 * np.pi * 12.5 * time_s)], 100.0)
-    assert density.sum() * 100.0 / 1024 == pytest.approx(4.5, rel=0.01)
-    assert frequency_hz[np.argmax(density)] == 12.5
-
-
-def test_jumps_are_no_part_of_a_spectrum(tmp_path: Path) -> None:
-    calm = a_cut(120.0)
-    jumping = replace(calm, gap_v=calm.gap_v.copy(), sensor_um=calm.sensor_um.copy(), state=calm.state.copy())
-    for start in range(1000, 12000, 1000):
-        jumping.state[start : start + 20] = JUMP
-        jumping.sensor_um[start : start + 20] -= 60.0
-    paths = [finished(tmp_path, signals, name=f"{n}.h5") for n, signals in enumerate((calm, jumping))]
-    highest = [float(data(drawn("spectrum", path).axes[1].get_lines()[0])[1].max()) for path in paths]
-    # The density of a line is proportional to the length of the segments, here 10 s and 5 s.
-    assert 2.0 * highest[1] == pytest.approx(highest[0], rel=0.2)
-
-
-@pytest.mark.parametrize(("lengths", "size"), [([100, 100, 5000], 1024), ([150] * 50, 128), ([20, 20], 0)])
-def test_a_segment_fits_half_of_the_samples_and_is_no_longer_than_16_s(lengths: list[int], size: int) -> None:
-    assert segment_size(lengths, 100.0) == size
 
 
 def test_a_single_high_sample_is_not_lost_in_a_long_run_whose_idle_begin_is_left_out(tmp_path: Path) -> None:

@@ -14,21 +14,11 @@ from matplotlib.figure import Figure
 
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
-from edmctl.report import panels
+from edmctl.report import panels, style
 from edmctl.report.kinds import suffix_of
 from edmctl.report.panels import Block, draw_envelope
 from edmctl.report.signals import POINTS, broken
-from edmctl.report.style import (
-    BLACK,
-    BLUE,
-    COLUMN_MM,
-    DASHED,
-    GREY,
-    PAGE_MM,
-    VERMILION,
-    house_style,
-    rendered,
-)
+from edmctl.report.style import BLACK, BLUE, DASHED, GREY, VERMILION
 
 STEP_V = 0.5
 """From one sample to the next; a larger change is a step."""
@@ -62,13 +52,10 @@ class Trial:
         return bool(np.abs(np.diff(self.applied_v)).max() < STEP_V)
 
 
-def draw(trials: Sequence[Trial], name: str, words: str = "") -> bytes:
-    """Return the figure of one waveform (85 mm wide) or several (180 mm) as the file `name` contains it.
-
-    words : small words below it
-    """
+def draw(trials: Sequence[Trial], name: str, note: str = "") -> bytes:
+    """Return the figure of one waveform (85 mm wide) or several (180 mm), with a note below it, as file `name`."""
     y = {"voltage (V)": 0.65, "displacement (µm)": 1.4, "error (µm)": 1.0, "edmctl error (µm)": 0.9}
-    with house_style():
+    with style.house_style():
         figure, columns = _columns([trial.title for trial in trials], y)
         for trial, axes in zip(trials, columns, strict=True):
             _draw_models(trial, axes, "truth")
@@ -77,21 +64,20 @@ def draw(trials: Sequence[Trial], name: str, words: str = "") -> bytes:
             _about_zero(axes[3])
             axes[3].locator_params(axis="y", nbins=5)
         panels.shared_legend(figure, [columns[0][1]], ncols=3)
-        return _file(figure, name, words)
+        return _file(figure, name, note)
 
 
-def draw_paper(trials: Sequence[Trial], name: str, words: str = "") -> bytes:
+def draw_paper(trials: Sequence[Trial], name: str, note: str = "") -> bytes:
     """Return the figure of the paper's model beside the sensor, as `draw` does.
 
     Bars in the error show the readings of the paper, dots those of the model. Displacement over voltage is drawn
     where no step crosses it.
     """
+    y = {"voltage (V)": 0.7, "displacement (µm)": 1.4, "model − sensor (µm)": 1.25}
     loop = {"displacement (µm)": 1.6} if any(trial.is_smooth for trial in trials) else {}
     titles = [trial.title if len(trials) == 1 else trial.title.replace(", ", "\n") for trial in trials]
-    with house_style():
-        figure, columns = _columns(
-            titles, {"voltage (V)": 0.7, "displacement (µm)": 1.4, "model − sensor (µm)": 1.25}, loop
-        )
+    with style.house_style():
+        figure, columns = _columns(titles, y, loop)
         for trial, axes in zip(trials, columns, strict=True):
             _draw_models(trial, axes, "sensor")
             for mark in trial.marks:
@@ -101,13 +87,13 @@ def draw_paper(trials: Sequence[Trial], name: str, words: str = "") -> bytes:
             elif loop:
                 axes[3].set_axis_off()
         panels.shared_legend(figure, [columns[0][1], *(column[2] for column in columns)], ncols=4)
-        return _file(figure, name, words)
+        return _file(figure, name, note)
 
 
-def _file(figure: Figure, name: str, words: str) -> bytes:
-    if words:
-        panels.mark_below(figure, words)
-    return rendered(figure, suffix_of(name))
+def _file(figure: Figure, name: str, note: str) -> bytes:
+    if note:
+        panels.mark_below(figure, note)
+    return style.rendered(figure, suffix_of(name))
 
 
 def _columns(
@@ -120,7 +106,8 @@ def _columns(
     blocks = [Block("time (s)", y, widths, share_y=True, above_mm=more_mm)]
     if loop:
         blocks.append(Block("voltage (V)", loop, widths, share_y=True))
-    figure, axes = panels.panels(*blocks, width_mm=COLUMN_MM if count == 1 else PAGE_MM, gap_mm=GAP_MM)
+    width_mm = style.COLUMN_MM if count == 1 else style.PAGE_MM
+    figure, axes = panels.panels(*blocks, width_mm=width_mm, gap_mm=GAP_MM)
     for one, title in zip(axes, titles, strict=False):
         one.set_title(title, pad=2.0)
     return figure, [axes[column::count] for column in range(count)]

@@ -15,7 +15,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from edmctl.array_types import Array, Flags
+from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.record.reader import RunFile
 from edmctl.record.rows import TruthMap
@@ -60,13 +60,11 @@ class Channel:
         if self.work is None:
             return None
         s_um, places_um = along(self.path_um, STEP_UM)
-        column, row = (
-            np.clip(
-                np.rint((at_um - axis_um[0]) / (axis_um[1] - axis_um[0])).astype(int), 0, len(axis_um) - 1
-            )
-            for at_um, axis_um in zip(places_um.T, (self.work.x_um, self.work.y_um), strict=True)
-        )
-        return s_um, self.work.depth_um[row, column].astype(np.float64)
+        cells = []
+        for at_um, axis_um in zip(places_um.T, (self.work.x_um, self.work.y_um), strict=True):
+            nearest = np.rint((at_um - axis_um[0]) / (axis_um[1] - axis_um[0])).astype(int)
+            cells.append(np.clip(nearest, 0, len(axis_um) - 1))
+        return s_um, self.work.depth_um[cells[1], cells[0]].astype(np.float64)
 
     def colours(self, floor_um: Array) -> Normalize:
         """Return a scale that is symmetric about the target, over the tolerance at least."""
@@ -75,33 +73,25 @@ class Channel:
 
 
 def draw_channel(run: RunFile) -> Figure:
-    """Draw the channel; depths are below the face that was touched, or of the truth. Raises NothingToDraw."""
-    path_um = planned_path(run)
+    """Draw the channel; depths are below the touched face, or of the truth. Raises NothingToDraw."""
+    path_um, work, values = planned_path(run), run.truth_map(), run.profile_values()
     if path_um is None:
         raise NothingToDraw("The run made no channel: its profile has no [path].")
-    found = (run.summary() or {}).get("channel")
-    result: Mapping[str, object] = found if isinstance(found, dict) else {}
+    channel = (run.summary() or {}).get("channel")
+    result: Mapping[str, object] = channel if isinstance(channel, dict) else {}
     floor = result.get("floor")
     touched = [
-        (plain_number(place.get("s_um")), plain_number(place.get("depth_um")))
+        [plain_number(place.get(name)) for name in ("s_um", "depth_um")]
         for place in (floor if isinstance(floor, list) else ())
     ]
-    work = run.truth_map()
     if work is None and not touched:
         raise NothingToDraw(
             "The floor of the channel was not measured: the run ended before its first layers were."
         )
-    values = run.profile_values()
-    return channel_figure(
-        Channel(
-            work=work,
-            path_um=path_um,
-            touched=np.array(touched).reshape(-1, 2),
-            touched_u95_um=plain_number(result.get("depth_u95_um")),
-            target_um=float(values["target.depth_um"]),
-            tolerance_um=float(values["target.tolerance_um"]),
-        )
-    )
+    u95_um = plain_number(result.get("depth_u95_um"))
+    target_um, tolerance_um = (float(values[f"target.{name}_um"]) for name in ("depth", "tolerance"))
+    points = np.array(touched).reshape(-1, 2)
+    return channel_figure(Channel(work, path_um, points, u95_um, target_um, tolerance_um))
 
 
 def channel_figure(channel: Channel) -> Figure:
@@ -122,9 +112,8 @@ def _draw_map(axes: Axes, channel: Channel) -> None:
     axes.plot(*channel.path_um.T, color=BLACK, label="planned path of the tool's axis", path_effects=outline)
     axes.plot(*channel.path_um[0], "o", color=BLACK, markersize=3.5, label="start", path_effects=outline)
     if channel.work is not None:
-        panels.add_colours(
-            axes, _draw_work(axes, channel, channel.work), "depth − target, simulated truth (µm)"
-        )
+        coloured = _draw_work(axes, channel, channel.work)
+        panels.add_colours(axes, coloured, "depth − target, simulated truth (µm)")
     elif len(channel.touched):
         panels.add_colours(axes, _draw_touches(axes, channel), "depth − target, touched (µm)")
     axes.set_aspect("equal")
@@ -133,11 +122,12 @@ def _draw_map(axes: Axes, channel: Channel) -> None:
 
 
 def _draw_work(axes: Axes, channel: Channel, work: TruthMap) -> ScalarMappable:
-    x_um, y_um = work.x_um.astype(np.float64), work.y_um.astype(np.float64)
-    depth_um = work.depth_um.astype(np.float64)
+    x_um, y_um, depth_um = (values.astype(np.float64) for values in (work.x_um, work.y_um, work.depth_um))
     half_x, half_y = (x_um[1] - x_um[0]) / 2.0, (y_um[1] - y_um[0]) / 2.0
     floor = channel.floor()
-    cut = _within(depth_um > FLOOR_SHARE * min(channel.target_um, float(depth_um.max())))
+    # Without its rim, whose cells are half wall.
+    about = np.pad(depth_um > FLOOR_SHARE * min(channel.target_um, float(depth_um.max())), 1)
+    cut = about[1:-1, 1:-1] & about[:-2, 1:-1] & about[2:, 1:-1] & about[1:-1, :-2] & about[1:-1, 2:]
     image = axes.imshow(
         np.where(cut, depth_um - channel.target_um, np.nan),
         cmap=style.DEVIATIONS,
@@ -164,12 +154,6 @@ def _draw_touches(axes: Axes, channel: Channel) -> ScalarMappable:
     )  # fmt: skip
 
 
-def _within(cut: Flags) -> Flags:
-    """Return what was cut without its rim, whose cells are half wall."""
-    about = np.pad(cut, 1)
-    return cut & about[:-2, 1:-1] & about[2:, 1:-1] & about[1:-1, :-2] & about[1:-1, 2:]
-
-
 def _draw_floor(axes: Axes, channel: Channel) -> None:
     target_um, tolerance_um, floor = channel.target_um, channel.tolerance_um, channel.floor()
     band_um = np.array([-1.0, 1.0]) * tolerance_um
@@ -184,9 +168,8 @@ def _draw_floor(axes: Axes, channel: Channel) -> None:
         drawn_um.append(depth_um)
     if len(channel.touched):
         s_um, depth_um = channel.touched.T
-        known = np.isfinite(channel.touched_u95_um)
-        label = "touched by the tool" + (", 95 % of the mean" if known else "")
-        u95_um = channel.touched_u95_um if known else None
+        u95_um = channel.touched_u95_um if np.isfinite(channel.touched_u95_um) else None
+        label = "touched by the tool" + ("" if u95_um is None else ", 95 % of the mean")
         panels.draw_points(axes, s_um / 1000.0, depth_um, u95_um, VERMILION, label=label)
     all_um, edge_um = np.concatenate(drawn_um), 0.1 * BAND_TOLERANCES * tolerance_um
     axes.set_ylim(float(all_um.max()) + edge_um, float(all_um.min()) - edge_um)  # deep is down

@@ -1,9 +1,8 @@
 """Holes: the depth error of each at its place in an array, and the last ones in section.
 
 A section shows a hole cut through its middle, like Fig. 10 of Muralidhara et al. 2009, with the tool that made it.
-Depth and wear are those that were touched; the width is not measured: walls are drawn from the profile's side gap.
-The working gap is that between the floor and the tip during the last sparks. The true hole of a virtual machine is a
-line of its own.
+Depth and wear are measured by contact; the width is not measured: walls are drawn from the profile's side gap. The
+working gap is that between the floor and the tip during the last sparks.
 """
 
 from __future__ import annotations
@@ -25,19 +24,6 @@ from edmctl.record.reader import RunFile
 from edmctl.record.run_index import sites_of
 from edmctl.report import panels, style
 from edmctl.report.panels import Block
-from edmctl.report.style import (
-    BLACK,
-    BLUE,
-    COLUMN_MM,
-    FAINT,
-    GREEN,
-    GREY,
-    LIGHT,
-    PAGE_MM,
-    VERMILION,
-    Dash,
-    NothingToDraw,
-)
 from edmctl.results.job import length_text
 from edmctl.results.run_file import RecordedSite
 from edmctl.wording import BEYOND_EXIT, plain_number, signed, with_u95
@@ -66,7 +52,7 @@ TALLEST, FLATTEST = 1.0, 0.45
 """Height over width between which a section is drawn to scale."""
 SCALES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 ARC_POINTS = 12
-_FLOORS: dict[str, tuple[str, Dash]] = {
+_FLOORS: dict[str, tuple[str, style.Dash]] = {
     Basis.TOUCHED: ("floor, touched", "-"),
     Basis.MODEL: ("floor, touched, by the actuator's model", "-"),
     Basis.ESTIMATED: ("floor, estimated", (0, (1.0, 0.8))),
@@ -75,7 +61,11 @@ _FLOORS: dict[str, tuple[str, Dash]] = {
 
 def draw_array(run: RunFile) -> Figure:
     """Draw the holes to scale, coloured by depth minus target; without a target depth, minus their mean."""
-    sites = _blind_holes(run)
+    sites = [site for site in _measured_holes(run) if not site.through]
+    if not sites:
+        raise style.NothingToDraw("The holes go through the sheet: there are no depths to compare.")
+    if len(sites) == 1:
+        raise style.NothingToDraw("The run made one hole: `--kind steps` and `--kind erosion` draw it.")
     values = run.profile_values()
     target_um, tolerance_um = plain_number(values.get("target.depth_um")), math.nan
     depth_um = np.array([site.depth_um for site in sites])
@@ -88,39 +78,41 @@ def draw_array(run: RunFile) -> Figure:
     error_um = depth_um - target_um
     figure, (errors, wear) = panels.panels(
         Block("hole, in the order of machining; bars: 95 %", {label: 1.25, "tool wear (µm)": 1.0}),
-        width_mm=PAGE_MM,
+        width_mm=style.PAGE_MM,
         left_mm=panels.LEFT_MM + MAP_MM + BAR_MM + panels.LEFT_MM,
     )
     low, high = wear.get_position().y0, errors.get_position().y1
-    places = figure.add_axes((panels.LEFT_MM / PAGE_MM, low, MAP_MM / PAGE_MM, high - low))
+    places = figure.add_axes((panels.LEFT_MM / style.PAGE_MM, low, MAP_MM / style.PAGE_MM, high - low))
     panels.letter_panels((places, errors, wear))
     _draw_map(places, sites, error_um, tolerance_um, label)
     bases = [site.depth_basis or "" for site in sites]
     if math.isfinite(tolerance_um):
         errors.axhspan(-tolerance_um, tolerance_um, color=style.TOLERANCE, linewidth=0.0, zorder=0)
         against += f", ± {tolerance_um:g} µm shaded"
-    errors.axhline(0.0, color=GREY, linewidth=0.6)
-    _draw_in_order(errors, error_um, [site.depth_u95_um for site in sites], bases, BLUE, "o")
+    errors.axhline(0.0, color=style.GREY, linewidth=0.6)
+    _draw_in_order(errors, error_um, [site.depth_u95_um for site in sites], bases, style.BLUE, "o")
     panels.note_above(errors, against)
     wear_um, wear_bases = np.array([site.wear_um for site in sites]), [site.wear_basis for site in sites]
-    _draw_in_order(wear, wear_um, [site.wear_u95_um for site in sites], wear_bases, VERMILION, "s")
+    _draw_in_order(wear, wear_um, [site.wear_u95_um for site in sites], wear_bases, style.VERMILION, "s")
     panels.note_above(wear, open_marks([*wear_bases, *bases]))
-    _name_holes(figure, wear, short_names([site.name for site in sites]))
+    names = short_names([site.name for site in sites])
+    every, longest = -(-len(names) // MOST_TICKS), max(map(len, names))
+    wear.set_xticks(range(1, len(names) + 1, every), names[::every])
+    if longest > LONGEST_LEVEL:
+        wear.tick_params(axis="x", rotation=90)
+        panels.grow(figure, below_mm=1.3 * longest)
+        wear.xaxis.labelpad = 1.0
+    wear.set_xlim(0.4, len(names) + 0.6)
     return figure
 
 
-def _blind_holes(run: RunFile) -> list[RecordedSite]:
-    """Return the holes with a depth, in the order of machining."""
+def _measured_holes(run: RunFile) -> list[RecordedSite]:
+    """Return the holes with a length, in the order of machining. Raises NothingToDraw."""
     if "path.kind" in run.profile_values():
-        raise NothingToDraw("The run made a channel, no holes: `--kind channel` draws it.")
+        raise style.NothingToDraw("The run made a channel, no holes: `--kind channel` draws it.")
     sites = [site for site in sites_of(run) if math.isfinite(site.length_um)]
     if not sites:
-        raise NothingToDraw("No hole was measured: the run ended before its first measuring stop.")
-    sites = [site for site in sites if not site.through]
-    if not sites:
-        raise NothingToDraw("The holes go through the sheet: there are no depths to compare.")
-    if len(sites) == 1:
-        raise NothingToDraw("The run made one hole: `--kind steps` and `--kind erosion` draw it.")
+        raise style.NothingToDraw("No hole was measured: the run ended before its first measuring stop.")
     return sites
 
 
@@ -147,7 +139,9 @@ def _draw_map(
     axes.set_ylim(middle_um[1] - half_um[1], middle_um[1] + half_um[1])
     axes.set_aspect("equal")
     discs = PatchCollection(
-        [Circle((x_um, y_um), 0.42 * pitch_um) for x_um, y_um in places_um], edgecolor=BLACK, linewidth=0.5
+        [Circle((x_um, y_um), 0.42 * pitch_um) for x_um, y_um in places_um],
+        edgecolor=style.BLACK,
+        linewidth=0.5,
     )
     discs.set(array=error_um, cmap=style.DEVIATIONS, norm=Normalize(-span_um, span_um))
     axes.add_collection(discs)
@@ -158,7 +152,7 @@ def _draw_map(
             axes.text(
                 site.x_um, site.y_um, f"{name}\n{marked(signed(hole_um), site.depth_basis)}\n± {u95_um:.2f}",
                 ha="center", va="center", fontsize=6.0 if len(sites) <= 16 else 4.5, linespacing=1.15,
-                color="white" if abs(hole_um) > 0.6 * span_um else BLACK,
+                color="white" if abs(hole_um) > 0.6 * span_um else style.BLACK,
             )  # fmt: skip
     axes.locator_params(nbins=6)
     axes.set_xlabel("x (µm)")
@@ -183,33 +177,19 @@ def _draw_in_order(
             )
 
 
-def _name_holes(figure: Figure, axes: Axes, names: Sequence[str]) -> None:
-    every = -(-len(names) // MOST_TICKS)
-    axes.set_xticks(range(1, len(names) + 1, every), names[::every])
-    if max(map(len, names)) > LONGEST_LEVEL:
-        axes.tick_params(axis="x", rotation=90)
-        panels.grow(figure, below_mm=1.3 * max(map(len, names)))
-        axes.xaxis.labelpad = 1.0
-    axes.set_xlim(0.4, len(names) + 0.6)
-
-
 @dataclass(frozen=True, slots=True)
 class Section:
     """A hole as it is drawn; lengths in µm, NaN if unknown.
 
+    radius_um : of the tool
     side_gap_um : of the profile
     sheet_um : thickness of the sheet that the hole goes through; NaN of a blind one
     """
 
     site: RecordedSite
-    tool_diameter_um: float
+    radius_um: float
     side_gap_um: float
     sheet_um: float
-
-    @property
-    def radius_um(self) -> float:
-        """Radius of the tool."""
-        return 0.5 * self.tool_diameter_um
 
     @property
     def wall_um(self) -> float:
@@ -269,26 +249,25 @@ class Section:
         return scale_of(ratio), ratio * scale_of(ratio)
 
     def words(self) -> list[str]:
-        """Return what is known of the gaps, and from where, line by line."""
-        truth = self.site.truth
-        gaps = {
-            "working gap": math.nan if self.site.through else self.site.working_gap_um,
+        """Return the gaps and their sources, line by line."""
+        site, truth = self.site, self.site.truth
+        values = {
+            "working gap": math.nan if site.through else site.working_gap_um,
             "side gap by the profile": self.side_gap_um,
             "truth: side gap": truth.side_gap_um,
+            "taper": truth.taper_um,
+            "corner": truth.corner_um,
         }
-        shape = {"taper": truth.taper_um, "corner": truth.corner_um}
-        lines, of_shape = (
-            [f"{name} {um:.1f} µm" for name, um in known.items() if math.isfinite(um)]
-            for known in (gaps, shape)
-        )
-        return [*lines, ", ".join(of_shape)]
+        texts = {name: f"{name} {um:.1f} µm" for name, um in values.items() if math.isfinite(um)}
+        shape = [texts.pop(name) for name in ("taper", "corner") if name in texts]
+        return [*texts.values(), ", ".join(shape)]
 
 
 def draw_section(run: RunFile) -> Figure:
     """Draw the last holes of the run: one in a column, up to three over a page. Raises NothingToDraw."""
     sections, count = sections_of(run)
     alone = len(sections) == 1
-    width_mm = COLUMN_MM if alone else PAGE_MM
+    width_mm = style.COLUMN_MM if alone else style.PAGE_MM
     inner_mm = width_mm - panels.LEFT_MM - panels.RIGHT_MM - GAP_MM * (len(sections) - 1)
     height_mm = inner_mm / len(sections) * max(section.scaled()[1] for section in sections)
     figure, axes_of = panels.panels(
@@ -310,23 +289,15 @@ def draw_section(run: RunFile) -> Figure:
 
 def sections_of(run: RunFile) -> tuple[list[Section], int]:
     """Return the holes to draw, and how many there are."""
-    values = run.profile_values()
-    if "path.kind" in values:
-        raise NothingToDraw("The run made a channel, no hole: `--kind channel` draws it.")
-    sites = [site for site in sites_of(run) if math.isfinite(site.length_um)]
-    if not sites:
-        raise NothingToDraw(
-            "No hole of this run has a depth, so there is no section; a job that reaches its first measuring stop "
-            "has one."
-        )
+    values, sites = run.profile_values(), _measured_holes(run)
     diameter_um = run.number("/entry/tool/diameter")
     if not diameter_um > 0.0:
-        raise NothingToDraw(
+        raise style.NothingToDraw(
             "The width of the tool is not in this file, and the hole is as wide; run files of jobs with a profile "
             "have it (tool.diameter_um)."
         )
     gap_um, sheet_um = plain_number(values.get("work.side_gap_um")), run.number("/entry/sample/thickness")
-    return [Section(site, diameter_um, gap_um, sheet_um) for site in sites[-MOST_HOLES:]], len(sites)
+    return [Section(site, 0.5 * diameter_um, gap_um, sheet_um) for site in sites[-MOST_HOLES:]], len(sites)
 
 
 def _draw_hole(axes: Axes, section: Section, title: str) -> None:
@@ -338,7 +309,7 @@ def _draw_hole(axes: Axes, section: Section, title: str) -> None:
     _draw_tool(axes, section)
     outline = section.true_outline()
     if outline is not None:
-        axes.plot(*outline.T, color=GREEN, linewidth=1.0, label="truth (simulated)", zorder=4.0)
+        axes.plot(*outline.T, color=style.GREEN, linewidth=1.0, label="truth (simulated)", zorder=4.0)
     _draw_lengths(axes, section, 0.415 * right_um)
     axes.set_aspect(scale, anchor="N")
     axes.grid(visible=False)
@@ -354,18 +325,20 @@ def _draw_work(axes: Axes, section: Section) -> None:
     below_um = section.sheet_um if site.through else bottom_um
     label = "wall by the profile's side gap" if math.isfinite(section.side_gap_um) else "_"
     for inner_um, outer_um, name in ((-wall_um, left_um, "_"), (wall_um, right_um, label)):
-        axes.fill_between([inner_um, outer_um], 0.0, below_um, color=LIGHT, linewidth=0.0)
-        axes.plot([inner_um] * 2, [0.0, end_um], color=FAINT, linestyle=(0, (3.0, 1.5)), label=name)
-        axes.plot([inner_um, outer_um], [0.0, 0.0], color=BLACK)
+        axes.fill_between([inner_um, outer_um], 0.0, below_um, color=style.LIGHT, linewidth=0.0)
+        axes.plot([inner_um] * 2, [0.0, end_um], color=style.FAINT, linestyle=(0, (3.0, 1.5)), label=name)
+        axes.plot([inner_um, outer_um], [0.0, 0.0], color=style.BLACK)
     if site.through:
         return
     across_um = [-wall_um, wall_um]
-    axes.fill_between(across_um, end_um, below_um, color=LIGHT, linewidth=0.0)
+    axes.fill_between(across_um, end_um, below_um, color=style.LIGHT, linewidth=0.0)
     label, dash = _FLOORS.get(site.depth_basis or "", ("floor", "-"))
-    axes.plot(across_um, [end_um] * 2, color=BLACK, linewidth=1.4, linestyle=dash, label=label, zorder=3.0)
+    axes.plot(
+        across_um, [end_um] * 2, color=style.BLACK, linewidth=1.4, linestyle=dash, label=label, zorder=3.0
+    )
     if math.isfinite(site.depth_u95_um):
         low_um, high_um = end_um - site.depth_u95_um, end_um + site.depth_u95_um
-        axes.fill_between(across_um, low_um, high_um, color=BLUE, alpha=0.25, linewidth=0.0, zorder=2.5)
+        axes.fill_between(across_um, low_um, high_um, color=style.BLUE, alpha=0.25, linewidth=0.0, zorder=2.5)
 
 
 def _draw_tool(axes: Axes, section: Section) -> None:
@@ -373,16 +346,18 @@ def _draw_tool(axes: Axes, section: Section) -> None:
     site, tip, top_um = section.site, section.tool_tip(), axes.get_ylim()[1]
     across = [-section.radius_um, section.radius_um]
     axes.fill(
-        [*across, *tip[:, 0]], [top_um, top_um, *tip[:, 1]], facecolor=GREY, alpha=0.45, linewidth=0.0,
+        [*across, *tip[:, 0]], [top_um, top_um, *tip[:, 1]], facecolor=style.GREY, alpha=0.45, linewidth=0.0,
         label="tool at the end" if site.through else "tool at the bottom",
     )  # fmt: skip
     if math.isfinite(site.working_gap_um) and not site.through:
         gap_um = section.tip_um - site.working_gap_um
-        axes.plot(across, [gap_um] * 2, color=GREY, linestyle=(0, (1.0, 1.0)), label="tip while sparking")
+        axes.plot(
+            across, [gap_um] * 2, color=style.GREY, linestyle=(0, (1.0, 1.0)), label="tip while sparking"
+        )
     if section.worn_um > section.tip_um:
         axes.fill(
             [*tip[:, 0], *across], [*tip[:, 1], section.worn_um, section.worn_um], facecolor="none",
-            edgecolor=VERMILION, hatch="/////", linewidth=0.6, linestyle=":", label="worn off the tool",
+            edgecolor=style.VERMILION, hatch="/////", linewidth=0.6, linestyle=":", label="worn off the tool",
         )  # fmt: skip
 
 
@@ -392,10 +367,10 @@ def _draw_lengths(axes: Axes, section: Section, at_um: float) -> None:
     if site.through:
         begin_um, words = section.end_um, BEYOND_EXIT.replace(" the", "\nthe")
         words += f"\n{with_u95(site.beyond_exit_um, site.beyond_exit_u95_um, 1)}"
-    panels.draw_length(axes, at_um, (begin_um, section.tip_um), BLUE, f"{words} µm")
+    panels.draw_length(axes, at_um, (begin_um, section.tip_um), style.BLUE, f"{words} µm")
     if math.isfinite(site.wear_um):
         ends_um, words = (section.tip_um, section.worn_um), f"wear\n{length_text(site, 'wear', 1)} µm"
-        panels.draw_length(axes, at_um, ends_um, VERMILION, words)
+        panels.draw_length(axes, at_um, ends_um, style.VERMILION, words)
 
 
 def _known(value: float) -> float:

@@ -13,46 +13,10 @@ from numpy.typing import NDArray
 from edmctl.array_types import Array
 from edmctl.record import layout
 from edmctl.record.reader import JUMP_DONE, RecordedState, RunFile, recorded_events
-from edmctl.report import panels, style
+from edmctl.report import panels, signals, style
+from edmctl.report import pulse_statistics as statistics
 from edmctl.report.panels import Block, note_above, shared_legend
-from edmctl.report.pulse_statistics import (
-    STEP_US,
-    Delays,
-    RandomIgnition,
-    SparkEnergies,
-    cuts_with_pulses,
-    delays,
-    has_every_pulse,
-    pulse_counts,
-    random_ignition,
-    spark_energies,
-)
 from edmctl.report.removal import Removal, cumulated, in_this_run, kappa, removal
-from edmctl.report.signals import (
-    MEAN_S,
-    Columns,
-    Envelope,
-    Floats,
-    broken,
-    cuts_s,
-    envelopes,
-    floats,
-    running_mean,
-    spans_in,
-    time_at,
-)
-from edmctl.report.style import (
-    BLACK,
-    BLUE,
-    DASHED,
-    GREY,
-    PULSE_COLOURS,
-    PULSE_DASHES,
-    PULSE_HATCHES,
-    VERMILION,
-    NothingToDraw,
-    time_unit,
-)
 from edmctl.results.telemetry import PULSE_CLASSES
 from edmctl.wording import count, percent, plain_number, plural, to_its_u95
 
@@ -79,32 +43,32 @@ FAULTED = (RecordedState.FAULT, RecordedState.ESTOP)
 
 def draw_pulses(run: RunFile) -> Figure:
     """Draw the share of each class in intervals of time, the rare ones again, and over all; only while cutting."""
-    cuts = cuts_with_pulses(run)
+    cuts = statistics.cuts_with_pulses(run)
     edges_s = np.linspace(cuts[0, 0], cuts[-1, 1], INTERVALS + 1)
     counts = _while_cutting(run, edges_s, cuts)
     if not counts.sum():
-        raise NothingToDraw(
+        raise style.NothingToDraw(
             "No pulses were recorded while cutting: the line lost them all, or the cut was too short."
         )
     total = counts.sum(axis=1)[:, None]
     shares = np.divide(100.0 * counts, total, out=np.full(counts.shape, np.nan), where=total > 0)
     by_class = dict(zip(PULSE_CLASSES, shares.T, strict=True))
-    per_s, label = time_unit(float(edges_s[-1]))
+    per_s, label = style.time_unit(float(edges_s[-1]))
     share = "share of\npulses (%)"
     figure, (over_time, rare, over_all) = panels.panels(
         Block(label, {share: 1.2, "arcs and\nshorts (%)": 0.9}), Block("", {share: 0.9})
     )
     _draw_stack(over_time, edges_s / per_s, by_class)
-    for name, dash in PULSE_DASHES.items():
-        rare.stairs(
-            by_class[name], edges_s / per_s, baseline=None, color=PULSE_COLOURS[name], linewidth=1.0, linestyle=dash
-        )  # fmt: skip
+    for name, dash in style.PULSE_DASHES.items():
+        steps = rare.stairs(by_class[name], edges_s / per_s, baseline=None, linewidth=1.0, linestyle=dash)
+        steps.set_edgecolor(style.PULSE_COLOURS[name])
     rare.set_ylim(bottom=0.0)
     rare.set_xlim(edges_s[0] / per_s, edges_s[-1] / per_s)
     _draw_totals(over_all, dict(zip(PULSE_CLASSES, counts.sum(axis=0).tolist(), strict=True)))
     whole = int(counts.sum())
     # Blocks of pulses lie partly before or after a cut.
-    about = count(whole) if has_every_pulse(run) else f"about {count(round(whole, 3 - len(str(whole))))}"
+    rounded = f"about {count(round(whole, 3 - len(str(whole))))}"
+    about = count(whole) if statistics.has_every_pulse(run) else rounded
     of_run = " of this run" if run.text("/entry/parent_run") else ""
     note_above(over_all, f"{about} pulses while cutting{of_run}")
     shared_legend(figure, [over_time], ncols=4)
@@ -114,7 +78,7 @@ def draw_pulses(run: RunFile) -> Figure:
 def _while_cutting(run: RunFile, edges_s: Array, cuts: Array) -> NDArray[np.int64]:
     """Return the pulses of each class in each interval, shape (n, 4), without those between the cuts."""
     every_s = np.unique(np.concatenate([edges_s, cuts.ravel()]))
-    all_counts = pulse_counts(run, every_s)
+    all_counts = statistics.pulse_counts(run, every_s)
     middle_s = 0.5 * (every_s[:-1] + every_s[1:])
     cut = np.searchsorted(cuts[:, 0], middle_s, side="right") - 1
     cutting = (cut >= 0) & (middle_s < cuts[np.maximum(cut, 0), 1])
@@ -129,8 +93,8 @@ def _draw_stack(axes: Axes, edges: Array, shares: dict[str, Array]) -> None:
     for name in FROM_BELOW:
         above = below + shares[name]
         axes.stairs(
-            above, edges, baseline=below, fill=True, facecolor=PULSE_COLOURS[name], edgecolor="white",
-            hatch=PULSE_HATCHES[name], linewidth=0.0, label=name,
+            above, edges, baseline=below, fill=True, facecolor=style.PULSE_COLOURS[name], edgecolor="white",
+            hatch=style.PULSE_HATCHES[name], linewidth=0.0, label=name,
         )  # fmt: skip
         below = above
     axes.set_ylim(0.0, 100.0)
@@ -138,22 +102,17 @@ def _draw_stack(axes: Axes, edges: Array, shares: dict[str, Array]) -> None:
 
 def _draw_totals(axes: Axes, totals: Mapping[str, int]) -> None:
     shares = [totals[name] / sum(totals.values()) for name in FROM_BELOW]
-    colours, hatches = ([of[name] for name in FROM_BELOW] for of in (PULSE_COLOURS, PULSE_HATCHES))
     heights = [100.0 * share for share in shares]
     bars = axes.bar(
-        FROM_BELOW, heights, width=0.62, color=colours, edgecolor="white", linewidth=0.0, hatch=hatches
-    )
-    axes.bar_label(bars, [_percent(share) for share in shares], padding=2.0)
+        FROM_BELOW, heights, width=0.62, color=[style.PULSE_COLOURS[name] for name in FROM_BELOW],
+        edgecolor="white", linewidth=0.0, hatch=[style.PULSE_HATCHES[name] for name in FROM_BELOW],
+    )  # fmt: skip
+    # Two decimals, so that shares can be compared.
+    small = {0.0: "none"} | {share: "< 0.01 %" for share in shares if 0.0 < share < 0.5e-4}
+    axes.bar_label(bars, [small.get(share, percent(share, 2)) for share in shares], padding=2.0)
     axes.tick_params(axis="x", length=0.0)
     axes.grid(visible=False, axis="x")
     axes.set_ylim(0.0, 1.25 * max(heights))
-
-
-def _percent(share: float) -> str:
-    """Return a share with two decimals, so that shares can be compared."""
-    if share == 0.0:
-        return "none"
-    return "< 0.01 %" if share < 0.5e-4 else percent(share, 2)
 
 
 def draw_laue(run: RunFile) -> Figure:
@@ -161,22 +120,22 @@ def draw_laue(run: RunFile) -> Figure:
 
     Open pulses count as not ignited within the on-time; arcs and shorts have no delay of their own.
     """
-    if not has_every_pulse(run):
-        raise NothingToDraw(
+    if not statistics.has_every_pulse(run):
+        raise style.NothingToDraw(
             "Single pulses were not recorded: `--set log.pulses=full` keeps the ignition delay of each."
         )
-    cuts = cuts_s(run)
+    cuts = signals.cuts_s(run)
     if not len(cuts):
-        raise NothingToDraw("The run ended before the first cut, so no pulse had a gap to ignite in.")
-    found = delays(run, cuts)
-    fit = random_ignition(found)
+        raise style.NothingToDraw("The run ended before the first cut, so no pulse had a gap to ignite in.")
+    found = statistics.delays(run, cuts)
+    fit = statistics.random_ignition(found)
     if fit is None or fit.ignited < LEAST_PULSES:
-        raise NothingToDraw(
+        raise style.NothingToDraw(
             f"Fewer than {LEAST_PULSES} normal discharges were recorded: a longer run has more."
         )
     steps = len(found.ignited)
     per_bar = -(-steps // BARS)
-    label = f"share of pulses\nper {STEP_US * per_bar:.3g} µs (%)"
+    label = f"share of pulses\nper {statistics.STEP_US * per_bar:.3g} µs (%)"
     figure, (histogram, laue) = panels.panels(
         Block("ignition delay (µs)", {label: 1.0, "share not yet ignited": 1.25})
     )
@@ -184,23 +143,25 @@ def draw_laue(run: RunFile) -> Figure:
     total = found.ignited.sum() + found.censored.sum()
     # The last bar is narrower; heights are those of whole ones.
     heights = 100.0 / total * np.add.reduceat(found.ignited, edges[:-1]) * per_bar / np.diff(edges)
-    histogram.stairs(heights, STEP_US * edges, fill=True, color=style.NORMAL, label="normal discharges")
-    histogram.set_xlim(0.0, STEP_US * steps)
+    histogram.stairs(
+        heights, statistics.STEP_US * edges, fill=True, color=style.NORMAL, label="normal discharges"
+    )
+    histogram.set_xlim(0.0, statistics.STEP_US * steps)
     _draw_survivors(laue, found, fit)
     note_above(histogram, f"{100.0 * found.censored.sum() / total:.1f} % open: not ignited")
     shared_legend(figure, (histogram, laue), ncols=1)
     return figure
 
 
-def _draw_survivors(axes: Axes, found: Delays, fit: RandomIgnition) -> None:
+def _draw_survivors(axes: Axes, found: statistics.Delays, fit: statistics.RandomIgnition) -> None:
     surviving = found.surviving
     shown = (surviving > 0.0) & (found.at_risk >= LEAST_AT_RISK)
-    delay_us = STEP_US * (np.arange(len(surviving)) + 0.5)
-    axes.plot(delay_us[shown], surviving[shown], color=BLACK, linewidth=1.2, label="not yet ignited")
+    delay_us = statistics.STEP_US * (np.arange(len(surviving)) + 0.5)
+    axes.plot(delay_us[shown], surviving[shown], color=style.BLACK, linewidth=1.2, label="not yet ignited")
     line_us = np.array([fit.lag_us, delay_us[shown][-1]])
     label = f"random ignition: mean {to_its_u95(fit.mean_us, fit.mean_u95_us)} µs after a lag of {fit.lag_us:.1f} µs"
     random = np.exp(-(line_us - fit.lag_us) / fit.mean_us)
-    axes.plot(line_us, random, color=VERMILION, linestyle=DASHED, linewidth=1.0, label=label)
+    axes.plot(line_us, random, color=style.VERMILION, linestyle=style.DASHED, linewidth=1.0, label=label)
     axes.set_yscale("log")
     axes.set_ylim(0.9 * surviving[shown][-1], 1.1)
     panels.plain_log_ticks(axes.yaxis)
@@ -209,12 +170,12 @@ def _draw_survivors(axes: Axes, found: Delays, fit: RandomIgnition) -> None:
 
 def draw_energy(run: RunFile) -> Figure:
     """Draw the histogram of energies, and the volume by measured depths over the energy of all discharges so far."""
-    cuts = cuts_with_pulses(run)
+    cuts = statistics.cuts_with_pulses(run)
     found = removal(run)
     edges_s = np.unique(np.concatenate([cuts[[0, -1], [0, 1]], found.began_s, found.time_s]))
-    energies = spark_energies(run, edges_s)
+    energies = statistics.spark_energies(run, edges_s)
     if energies is None:
-        raise NothingToDraw("There was no discharge while cutting: every pulse was open or short.")
+        raise style.NothingToDraw("There was no discharge while cutting: every pulse was open or short.")
     is_resumed = bool(run.text("/entry/parent_run"))
     if is_resumed:
         found = in_this_run(found, _of_hole_uj(found, edges_s, energies.sums_uj))
@@ -234,19 +195,19 @@ def draw_energy(run: RunFile) -> Figure:
     return figure
 
 
-def _draw_energies(axes: Axes, found: SparkEnergies) -> None:
+def _draw_energies(axes: Axes, found: statistics.SparkEnergies) -> None:
     total = found.normal.sum() + found.arc.sum()
     normal, arc = 100.0 * found.normal / total, 100.0 * found.arc / total
     name = "normal discharges" if found.is_single else "normal discharges and arcs"
     axes.stairs(normal, found.edges_uj, fill=True, color=style.NORMAL, label=name)
     if found.arc.any():
         axes.stairs(
-            normal + arc, found.edges_uj, baseline=normal, fill=True, facecolor=style.ARC, edgecolor=BLACK,
-            linewidth=0.0, hatch=PULSE_HATCHES["arc"], label="arcs",
+            normal + arc, found.edges_uj, baseline=normal, fill=True, facecolor=style.ARC, edgecolor=style.BLACK,
+            linewidth=0.0, hatch=style.PULSE_HATCHES["arc"], label="arcs",
         )  # fmt: skip
     middle_uj = 0.5 * (found.edges_uj[1:] + found.edges_uj[:-1])
     mean_uj = float(((found.normal + found.arc) * middle_uj).sum() / total)
-    axes.axvline(mean_uj, color=BLACK, linestyle=DASHED, label=f"mean {mean_uj:.3g} µJ")
+    axes.axvline(mean_uj, color=style.BLACK, linestyle=style.DASHED, label=f"mean {mean_uj:.3g} µJ")
     axes.set_xlim(0.0, found.edges_uj[-1])
     note_above(axes, f"{count(int(total))} discharges")
 
@@ -266,11 +227,13 @@ def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array, exp
     # µm³/µJ times J is 10⁻³ mm³.
     energy_j = np.array([0.0, 1.04 * until_uj.max() / UJ_PER_J])
     label = f"profile: κ = {expected:.3g}"
-    axes.plot(energy_j, expected * energy_j, color=GREY, linewidth=1.0, linestyle=DASHED, label=label)
+    axes.plot(
+        energy_j, expected * energy_j, color=style.GREY, linewidth=1.0, linestyle=style.DASHED, label=label
+    )
     fit = kappa(found, _of_hole_uj(found, edges_s, sums_uj))
     if fit is not None:
         label = f"κ = {to_its_u95(fit.value, fit.u95)} µm³/µJ"
-        axes.plot(energy_j, fit.value * energy_j, color=VERMILION, linewidth=1.0, label=label)
+        axes.plot(energy_j, fit.value * energy_j, color=style.VERMILION, linewidth=1.0, label=label)
         # The width of the hole is the profile's; its share of the uncertainty is unknown.
         points = "the last touched point" if fit.holes == 1 else f"{fit.holes} last touched points"
         note_above(axes, f"κ by {points}, ± of depth alone")
@@ -278,7 +241,9 @@ def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array, exp
         rows = found.touched == touched
         if rows.any():
             volume, u95 = (values[rows] / UM3_PER_MM3 * 1e3 for values in (volume_um3, u95_um3))
-            panels.draw_points(axes, until_uj[rows] / UJ_PER_J, volume, u95, BLUE, full=touched, label=name)
+            panels.draw_points(
+                axes, until_uj[rows] / UJ_PER_J, volume, u95, style.BLUE, full=touched, label=name
+            )
     axes.set_xlim(left=0.0)
     axes.set_ylim(bottom=0.0)
 
@@ -289,17 +254,17 @@ def draw_jumps(run: RunFile) -> Figure:
     if not len(at_s):
         mode = run.profile_values().get("jump.mode", "")
         why = 'its profile says jump.mode = "off"' if mode == "off" else "it ended before the first was due"
-        raise NothingToDraw(f"The tool did not jump in this run: {why}.")
-    slow = floats(run, layout.SLOW.path, ("time", "r_arc", "r_short", "jump_period"))
+        raise style.NothingToDraw(f"The tool did not jump in this run: {why}.")
+    slow = signals.floats(run, layout.SLOW.path, ("time", "r_arc", "r_short", "jump_period"))
     if not len(slow["time"]):
-        raise NothingToDraw("The run has jumps, but no rows of the supervisor beside them.")
-    per_s, label = time_unit(float(slow["time"][-1]))
+        raise style.NothingToDraw("The run has jumps, but no rows of the supervisor beside them.")
+    per_s, label = style.time_unit(float(slow["time"][-1]))
     figure, (shares, periods) = panels.panels(
-        Block(label, {f"share of pulses,\nmean of {MEAN_S:g} s (%)": 1.15, "jump period (s)": 1.15})
+        Block(label, {f"share of pulses,\nmean of {signals.MEAN_S:g} s (%)": 1.15, "jump period (s)": 1.15})
     )
-    for name, dash in PULSE_DASHES.items():
-        line = broken(slow["time"], running_mean(slow["time"], 100.0 * slow[f"r_{name}"]))
-        colour = PULSE_COLOURS[name]
+    for name, dash in style.PULSE_DASHES.items():
+        line = signals.broken(slow["time"], signals.running_mean(slow["time"], 100.0 * slow[f"r_{name}"]))
+        colour = style.PULSE_COLOURS[name]
         shares.plot(
             line.time_s / per_s, line.mean, color=colour, linewidth=1.0, label=f"{name}s", linestyle=dash
         )
@@ -307,8 +272,10 @@ def draw_jumps(run: RunFile) -> Figure:
     shares.set_ylim(0.0, top)
     if len(at_s) <= FEW:
         marks = np.full(len(at_s), 0.955 * top)
-        shares.plot(at_s / per_s, marks, "|", color=BLACK, markersize=5.0, markeredgewidth=0.5, label="jump")
-    _draw_periods(periods, slow, at_s, cuts_s(run), per_s)
+        shares.plot(
+            at_s / per_s, marks, "|", color=style.BLACK, markersize=5.0, markeredgewidth=0.5, label="jump"
+        )
+    _draw_periods(periods, slow, at_s, signals.cuts_s(run), per_s)
     note_above(shares, plural(len(at_s), "jump"))
     shared_legend(figure, (shares, periods))
     return figure
@@ -316,12 +283,12 @@ def draw_jumps(run: RunFile) -> Figure:
 
 def _draw_periods(axes: Axes, slow: dict[str, Array], at_s: Array, cuts: Array, per_s: float) -> None:
     since_s = since_the_last(at_s, cuts)
-    period = broken(slow["time"], slow["jump_period"])
+    period = signals.broken(slow["time"], slow["jump_period"])
     if not period.is_empty:
-        panels.draw_envelope(axes, period, per_s, GREY, "jump period in force", 1.2)
+        panels.draw_envelope(axes, period, per_s, style.GREY, "jump period in force", 1.2)
     if np.isfinite(since_s).any():
         axes.plot(
-            at_s / per_s, since_s, "o", color=BLUE, markersize=2.6 if len(at_s) <= FEW else 1.2,
+            at_s / per_s, since_s, "o", color=style.BLUE, markersize=2.6 if len(at_s) <= FEW else 1.2,
             markeredgewidth=0.0, label="time since the jump before",
         )  # fmt: skip
     drawn_s = np.concatenate([since_s, slow["jump_period"]])
@@ -346,7 +313,7 @@ def draw_waveforms(run: RunFile) -> Figure:
     path = layout.WAVEFORMS.path
     time_s = run.column(path, "time").astype(np.float64)
     if len(time_s) < 2:
-        raise NothingToDraw(
+        raise style.NothingToDraw(
             "The run has no waveforms: the controller latched no fault, or keeps no waveforms about one."
         )
     fault_s = _fault_s(run, time_s)
@@ -359,7 +326,7 @@ def draw_waveforms(run: RunFile) -> Figure:
     near_s = (zero_s - PERIODS_BEFORE * period_s, zero_s + PERIODS_AFTER * period_s)
     first, stop = (int(row) for row in np.searchsorted(time_s, near_s))
     for two, part in ((axes[:2], (0, len(time_s))), (axes[2:], (first, stop))):
-        lines = envelopes(run, path, ["v_gap", "i_gap"], _as_they_are, part, WAVEFORM_POINTS)
+        lines = signals.envelopes(run, path, ["v_gap", "i_gap"], _as_they_are, part, WAVEFORM_POINTS)
         _draw_waveforms(two, lines, zero_s)
         if fault_s is not None:
             _mark_fault(two)
@@ -372,16 +339,16 @@ def _fault_s(run: RunFile, time_s: Array) -> float | None:
     None if neither lies within the waveforms.
     """
     candidates_s = run.column("/entry/black_box", "time")[-1:].tolist()
-    candidates_s += [time_at(run, int(first)) for first in spans_in(run, FAULTED)[:1, 0]]
+    candidates_s += [signals.time_at(run, int(first)) for first in signals.spans_in(run, FAULTED)[:1, 0]]
     return next((float(at_s) for at_s in candidates_s if time_s[0] <= at_s <= time_s[-1]), None)
 
 
-def _as_they_are(columns: Columns) -> dict[str, Floats]:
+def _as_they_are(columns: signals.Columns) -> dict[str, signals.Floats]:
     return {name: columns[name].astype(np.float32, copy=False) for name in ("v_gap", "i_gap")}
 
 
-def _draw_waveforms(pair: Sequence[Axes], lines: Mapping[str, Envelope], zero_s: float) -> None:
-    for axes, line, colour in zip(pair, lines.values(), (BLUE, VERMILION), strict=True):
+def _draw_waveforms(pair: Sequence[Axes], lines: Mapping[str, signals.Envelope], zero_s: float) -> None:
+    for axes, line, colour in zip(pair, lines.values(), (style.BLUE, style.VERMILION), strict=True):
         panels.draw_envelope(axes, line, MS, colour, width=0.6, begin_s=zero_s)
         axes.set_xlim((line.time_s[0] - zero_s) / MS, (line.time_s[-1] - zero_s) / MS)
         axes.margins(y=0.12)
@@ -393,7 +360,7 @@ def _draw_waveforms(pair: Sequence[Axes], lines: Mapping[str, Envelope], zero_s:
 
 def _mark_fault(pair: Sequence[Axes]) -> None:
     for axes in pair:
-        axes.axvline(0.0, color=BLACK, linewidth=0.7, linestyle=(0, (3, 1.5)))
+        axes.axvline(0.0, color=style.BLACK, linewidth=0.7, linestyle=(0, (3, 1.5)))
     pair[0].annotate(
         "fault", (0.0, 1.0), xycoords=("data", "axes fraction"), xytext=(0.0, 1.5),
         textcoords="offset points", ha="center", va="bottom", fontsize=6.5,

@@ -1,4 +1,4 @@
-"""Readings by touching: the touches themselves, and Z1, Z2 and Z3 of each hole with what follows from them.
+"""Readings by touching: the touches themselves, and Z1, Z2 and Z3 of each hole with the lengths that follow.
 
 Like Fig. 9 of Muralidhara et al. 2009. At a contact the voltage peaks, and falls while the tool stays there, because
 the actuator creeps. Z1 touches the surface before, Z2 the bottom, Z3 the surface after: feed = Z2 − Z1,
@@ -22,23 +22,11 @@ from edmctl.dataclasses import dataclass
 from edmctl.labels import Basis
 from edmctl.record.reader import TOUCH, RecordedState, RunFile
 from edmctl.record.run_index import has_sensor, sites_of
-from edmctl.report import panels
+from edmctl.report import panels, signals, style
 from edmctl.report.panels import Block
-from edmctl.report.signals import SERVO, Columns, Floats, envelopes, floats, time_at, without_jumps
-from edmctl.report.style import (
-    BLACK,
-    BLUE,
-    COLUMN_MM,
-    GREEN,
-    GREY,
-    PAGE_MM,
-    VERMILION,
-    NothingToDraw,
-    time_unit,
-)
 from edmctl.results.job import length_text
 from edmctl.results.run_file import RecordedSite
-from edmctl.wording import plain_number, signed
+from edmctl.wording import plain_number
 
 LONGEST_S = 600.0
 """No set of touches takes longer."""
@@ -47,10 +35,6 @@ BEFORE_S, AFTER_S = 2.5, 1.0
 LONGEST_NAME = 40
 NEAR_S = 0.7
 """The detail shows so much on both sides of the last contact, or its hold if that is longer."""
-LONG_HOLD_S = 1.0
-"""Changes of voltage and sensor are written beside contacts held so long."""
-ENDS_S = 0.3
-"""They are the difference of means over so much at both ends of the hold: single samples are noisy."""
 Y = ("actuator voltage (V)", "displacement (µm)")
 
 COLUMN_SITES = 3
@@ -60,7 +44,7 @@ NUMBERED_SITES = 12
 NAMED_SITES = 30
 PITCH = 4.4
 """Distance from site to site on the horizontal axis, in widths of a reading."""
-COLOURS = {"depth": BLUE, "wear": VERMILION, "feed": GREEN}
+COLOURS = {"depth": style.BLUE, "wear": style.VERMILION, "feed": style.GREEN}
 
 
 def draw_touching(run: RunFile) -> Figure:
@@ -70,36 +54,44 @@ def draw_touching(run: RunFile) -> Figure:
     """
     touches = run.table("/entry/touches")
     accepted = touches[touches["accepted"] == 1]
-    touch = _chosen(touches, accepted)
+    chosen = next(
+        (rows for rows in (accepted[accepted["kind"] == b"Z2"], accepted, touches) if len(rows)), None
+    )
+    if chosen is None:
+        raise style.NothingToDraw(
+            "The tool touched nothing in this run; a job that measures, or `edmctl measure-wear`, does."
+        )
+    touch = chosen[-1]
     hold_s = max(0.0, np.nan_to_num(plain_number(run.profile_values().get("measure.dwell_s"))))
     after_s = max(AFTER_S, hold_s + NEAR_S)
     begin_s, end_s, contacts_s = _contacts(run, float(touch["time"]), after_s)
     part = _rows_between(run, begin_s, end_s)
     if part[1] - part[0] < 2:
-        raise NothingToDraw(
+        raise style.NothingToDraw(
             "The servo signals of this file do not cover its touches; those of a whole run file do."
         )
-    sequence, whole = _since_the_last_surface(accepted), (0, 0)
+    # The readings from the last Z1 on, with all its spots; all of them without one.
+    surface = accepted["kind"] == b"Z1"
+    begins = np.flatnonzero(surface & ~np.append(False, surface[:-1]))
+    sequence, whole = accepted[begins[-1] if len(begins) else 0 :], (0, 0)
     if len(sequence) > 1:
         first_s, last_s = sequence["time"][[0, -1]].tolist()
         whole = _rows_between(run, _touching_since(run, first_s), last_s + after_s)
     has_whole = whole[1] - whole[0] > 1
-    unit_s, label = time_unit(time_at(run, whole[1] - 1) - time_at(run, whole[0]) if has_whole else 0.0)
+    span_s = signals.time_at(run, whole[1] - 1) - signals.time_at(run, whole[0]) if has_whole else 0.0
+    unit_s, label = style.time_unit(span_s)
     blocks = [Block(label, dict.fromkeys(Y, 1.0))] if has_whole else []
     zoom = Block("time (s)", dict.fromkeys(Y, 1.1), (1.7, 1.0), above_mm=panels.TITLE_MM)
     figure, axes = panels.panels(*blocks, zoom, gap_mm=11.0)
     if has_whole:
         _draw_sequence(axes[:2], run, sequence, whole, unit_s)
     left, right = (axes[-4], axes[-2]), (axes[-3], axes[-1])
-    columns = floats(run, SERVO, ("time", "v_cmd", "z_sensor", "z_model"), part)
+    columns = signals.floats(run, signals.SERVO, ("time", "v_cmd", "z_sensor", "z_model"), part)
     _draw_zoom(left, columns, contacts_s, 5)
-    if hold_s >= LONG_HOLD_S:
-        _write_changes(left, columns, contacts_s, hold_s)
     since_s = columns["time"] - contacts_s[-1]
     near = (since_s >= -NEAR_S) & (since_s <= max(NEAR_S, hold_s + 0.5 * NEAR_S))
-    _draw_zoom(
-        right, {name: values[near] for name, values in (columns | {"time": since_s}).items()}, [0.0], 3
-    )
+    detail = {name: values[near] for name, values in (columns | {"time": since_s}).items()}
+    _draw_zoom(right, detail, [0.0], 3)
     right[1].set_xlabel("from contact (s)")
     panels.note_above(right[0], "last contact")
     site = touch["site"].decode()
@@ -109,35 +101,19 @@ def draw_touching(run: RunFile) -> Figure:
     return figure
 
 
-def _chosen(touches: NDArray[np.void], accepted: NDArray[np.void]) -> np.void:
-    for rows in (accepted[accepted["kind"] == b"Z2"], accepted, touches):
-        if len(rows):
-            chosen: np.void = rows[-1]
-            return chosen
-    raise NothingToDraw(
-        "The tool touched nothing in this run; a job that measures, or `edmctl measure-wear`, does."
-    )
-
-
-def _since_the_last_surface(accepted: NDArray[np.void]) -> NDArray[np.void]:
-    """Return the readings from the last Z1 on, with all its spots; all of them without one."""
-    surface = accepted["kind"] == b"Z1"
-    begins = np.flatnonzero(surface & ~np.append(False, surface[:-1]))
-    sequence: NDArray[np.void] = accepted[begins[-1] :] if len(begins) else accepted
-    return sequence
-
-
 def _draw_sequence(
     pair: Sequence[Axes], run: RunFile, readings: NDArray[np.void], part: tuple[int, int], unit_s: float
 ) -> None:
     sensed = bool(np.isfinite(readings["z_sensor"]).any())
     place = "z_sensor" if sensed else "z_model"
 
-    def derive(columns: Columns) -> dict[str, Floats]:
-        return {name: without_jumps(columns[name], columns["state"]) for name in ("v_cmd", place)}
+    def derive(columns: signals.Columns) -> dict[str, signals.Floats]:
+        return {name: signals.without_jumps(columns[name], columns["state"]) for name in ("v_cmd", place)}
 
-    lines = envelopes(run, SERVO, ["v_cmd", place, "state"], derive, part)
-    for axes, name, colour in zip(pair, lines, (VERMILION, GREY if sensed else BLUE), strict=True):
+    lines = signals.envelopes(run, signals.SERVO, ["v_cmd", place, "state"], derive, part)
+    for axes, name, colour in zip(
+        pair, lines, (style.VERMILION, style.GREY if sensed else style.BLUE), strict=True
+    ):
         panels.draw_envelope(axes, lines[name], unit_s, colour)
         panels.mark_readings(axes, readings, name, unit_s)
         axes.locator_params(axis="y", nbins=5)
@@ -151,38 +127,19 @@ def _draw_zoom(
     time_s = columns["time"]
     for axes in pair:
         for contact_s in contacts_s:
-            axes.axvline(contact_s, color=BLACK, linewidth=0.6, linestyle=(0, (1.5, 1.5)), label="contact")
+            axes.axvline(
+                contact_s, color=style.BLACK, linewidth=0.6, linestyle=(0, (1.5, 1.5)), label="contact"
+            )
         axes.locator_params(axis="x", nbins=bins)
         axes.locator_params(axis="y", nbins=5)
-    pair[0].plot(time_s, columns["v_cmd"], color=VERMILION)
+    pair[0].plot(time_s, columns["v_cmd"], color=style.VERMILION)
     for name, colour, width, label in (
-        ("z_sensor", GREY, 1.0, "sensor"),
-        ("z_model", BLUE, 0.8, "estimated"),
+        ("z_sensor", style.GREY, 1.0, "sensor"),
+        ("z_model", style.BLUE, 0.8, "estimated"),
     ):
         if np.isfinite(columns[name]).any():
             pair[1].plot(time_s, columns[name], color=colour, linewidth=width, label=label)
     pair[1].set_xlim(time_s[0], time_s[-1])
-
-
-def _write_changes(
-    pair: Sequence[Axes], columns: Mapping[str, Array], contacts_s: Sequence[float], hold_s: float
-) -> None:
-    """Write the changes of voltage and sensor over each hold: the voltage falls by the creep, the sensor stays."""
-    since_s = columns["time"]
-    for axes, name, unit, digits in ((pair[0], "v_cmd", "V", 2), (pair[1], "z_sensor", "µm", 1)):
-        values = columns[name]
-        axes.margins(y=0.15)
-        for contact_s in contacts_s:
-            inside = (since_s > contact_s) & (since_s < contact_s + hold_s)
-            begins = inside & (since_s <= contact_s + ENDS_S)
-            ends = inside & (since_s >= contact_s + hold_s - ENDS_S)
-            if not (np.isfinite(values[begins]).any() and np.isfinite(values[ends]).any()):
-                continue
-            change = float(np.nanmean(values[ends]) - np.nanmean(values[begins]))
-            axes.annotate(
-                f"{signed(change, digits)} {unit}", (contact_s + 0.5 * hold_s, float(np.nanmax(values[inside]))),
-                xytext=(0.0, 2.0), textcoords="offset points", ha="center", va="bottom", fontsize=5.5,
-            )  # fmt: skip
 
 
 def _contacts(run: RunFile, last_s: float, after_s: float) -> tuple[float, float, list[float]]:
@@ -193,9 +150,9 @@ def _contacts(run: RunFile, last_s: float, after_s: float) -> tuple[float, float
     contacts_s = times_s[(times_s >= earliest_s) & (times_s <= last_s + 1e-3)].tolist() or [last_s]
     end_s = last_s + after_s
     first, stop = _rows_between(run, last_s, end_s)
-    elsewhere = np.flatnonzero(run.column(SERVO, "state", first, stop) != RecordedState.TOUCH)
+    elsewhere = np.flatnonzero(run.column(signals.SERVO, "state", first, stop) != RecordedState.TOUCH)
     if len(elsewhere) and elsewhere[0] > 0:
-        end_s = time_at(run, first + int(elsewhere[0]))
+        end_s = signals.time_at(run, first + int(elsewhere[0]))
     return max(earliest_s, contacts_s[0] - BEFORE_S), end_s, contacts_s
 
 
@@ -204,7 +161,7 @@ def _touching_since(run: RunFile, last_s: float) -> float:
     first, stop = _rows_between(run, last_s - LONGEST_S, last_s)
     if stop == first:
         return last_s - BEFORE_S
-    time_s, state = floats(run, SERVO, ("time", "state"), (first, stop)).values()
+    time_s, state = signals.floats(run, signals.SERVO, ("time", "state"), (first, stop)).values()
     # The state of the last rows may already be the next one.
     elsewhere = np.flatnonzero((state != RecordedState.TOUCH) & (time_s < last_s - 0.1))
     return float(time_s[min(int(elsewhere[-1]) + 1, len(time_s) - 1)] if len(elsewhere) else time_s[0])
@@ -212,8 +169,10 @@ def _touching_since(run: RunFile, last_s: float) -> float:
 
 def _rows_between(run: RunFile, begin_s: float, end_s: float) -> tuple[int, int]:
     """Return the rows of `/entry/servo` in an interval of time, by bisection: the file may be long."""
-    rows = range(run.rows(SERVO))
-    first, stop = (bisect_left(rows, at_s, key=lambda row: time_at(run, row)) for at_s in (begin_s, end_s))
+    rows = range(run.rows(signals.SERVO))
+    first, stop = (
+        bisect_left(rows, at_s, key=lambda row: signals.time_at(run, row)) for at_s in (begin_s, end_s)
+    )
     return first, stop
 
 
@@ -233,31 +192,29 @@ class _Readings:
 
 def _readings_of(site: RecordedSite, touches: NDArray[np.void]) -> _Readings:
     rows = touches[(touches["kind"] == b"Z1") & (touches["accepted"] == 1)]
-    surface_um = [
-        float(row["z_model"]) for row in rows if row["site"].decode(errors="ignore") == site.name
-    ]  # fmt: skip
-    z1_um = surface_um[-1] if surface_um else math.nan
-    z3_um = z1_um + site.wear_model_um
-    bottom = site.depth_basis in (Basis.TOUCHED, Basis.MODEL)
+    z1_um = [float(row["z_model"]) for row in rows if row["site"].decode(errors="ignore") == site.name]
+    start_um = z1_um[-1] if z1_um else math.nan
+    z3_um = start_um + site.wear_model_um
     # Z3 of a hole through the sheet is a touch, and so is that of a touched depth.
-    touched = (bool(surface_um), bottom, site.through or site.depth_basis != Basis.ESTIMATED)
-    model_um = (z1_um, z3_um + site.depth_model_um, z3_um)
-    return _Readings(site, (site.z1_um, site.z2_um, site.z3_um), touched, model_um)
+    bottom = site.depth_basis in (Basis.TOUCHED, Basis.MODEL)
+    touched = (bool(z1_um), bottom, site.through or site.depth_basis != Basis.ESTIMATED)
+    return _Readings(
+        site, (site.z1_um, site.z2_um, site.z3_um), touched, (start_um, z3_um + site.depth_model_um, z3_um)
+    )
 
 
 def draw_steps(run: RunFile) -> Figure:
     """Draw the readings of each site, over both columns of a page beyond three. Raises NothingToDraw without any."""
     sensor, touches = has_sensor(run), run.table("/entry/touches")
-    readings = [
-        one for one in (_readings_of(site, touches) for site in sites_of(run)) if np.isfinite(one.z_um).all()
-    ]  # fmt: skip
+    every = [_readings_of(site, touches) for site in sites_of(run)]
+    readings = [one for one in every if np.isfinite(one.z_um).all()]
     if not readings:
-        raise NothingToDraw(
+        raise style.NothingToDraw(
             "No site of this run was measured, so there are no readings Z1, Z2 and Z3; a job that reaches its "
             "first measuring stop has them."
         )
     alone = len(readings) == 1
-    width_mm = PAGE_MM if len(readings) > COLUMN_SITES else COLUMN_MM
+    width_mm = style.PAGE_MM if len(readings) > COLUMN_SITES else style.COLUMN_MM
     figure, (axes,) = panels.panels(Block("", {"tool displacement (µm)": 1.9}), width_mm=width_mm)
     words = "measured" if sensor else "by contact, estimated displacement"
     for number, one in enumerate(readings):
@@ -266,7 +223,9 @@ def draw_steps(run: RunFile) -> Figure:
         if sensor and np.isfinite(one.model_um).all():
             begins = number * PITCH + np.arange(3) + 0.1
             dash, label = (0, (2.5, 1.2)), "estimated from voltage"
-            axes.hlines(one.model_um, begins, begins + 0.8, GREY, linewidth=1.0, linestyle=dash, label=label)
+            axes.hlines(
+                one.model_um, begins, begins + 0.8, style.GREY, linewidth=1.0, linestyle=dash, label=label
+            )
     axes.tick_params(axis="x", length=0.0)
     axes.grid(visible=False, axis="x")
     room = 1.35 if alone else 0.6  # for the words beside the arrows
@@ -289,11 +248,11 @@ def _draw_site(axes: Axes, readings: _Readings, left: float, words: str, *, alon
     edges = left + np.arange(4.0)
     for number, (value_um, touched) in enumerate(zip(z_um, readings.touched, strict=True)):
         axes.plot(
-            edges[number : number + 2], [value_um] * 2, color=BLACK, linewidth=1.2,
+            edges[number : number + 2], [value_um] * 2, color=style.BLACK, linewidth=1.2,
             linestyle="-" if touched else (0, (1.0, 0.8)), label=words if touched else "without a touch",
         )  # fmt: skip
     for edge, ends in zip(edges[1:], pairwise(z_um), strict=False):
-        axes.plot([edge, edge], ends, color=BLACK, linewidth=0.5)
+        axes.plot([edge, edge], ends, color=style.BLACK, linewidth=0.5)
     low, high = left + 0.18, left + 3.12
     # Each reading continues to the arrows that are measured from it.
     for value_um, begin, end in (
@@ -302,7 +261,7 @@ def _draw_site(axes: Axes, readings: _Readings, left: float, words: str, *, alon
         (z_um[1], left, edges[1]),
         (z_um[1], edges[2], high),
     ):
-        axes.plot([begin, end], [value_um] * 2, color=GREY, linewidth=0.5, linestyle=":")
+        axes.plot([begin, end], [value_um] * 2, color=style.GREY, linewidth=0.5, linestyle=":")
     lengths = {"feed": (low, 0, 1), "depth": (high, 2, 1), "wear": (high, 0, 2)}
     for name, (at, begin, end) in lengths.items():
         if name == "depth" and site.through:

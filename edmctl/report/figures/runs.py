@@ -13,23 +13,8 @@ from edmctl.array_types import Array
 from edmctl.labels import is_open, open_marks
 from edmctl.record.reader import RunFile
 from edmctl.record.run_index import sites_of
-from edmctl.report import panels
+from edmctl.report import panels, signals, style
 from edmctl.report.removal import target_depths_um
-from edmctl.report.signals import envelopes
-from edmctl.report.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    LIGHT,
-    ORANGE,
-    PAGE_MM,
-    PURPLE,
-    SKY,
-    VERMILION,
-    NothingToDraw,
-    time_unit,
-)
 from edmctl.results.job import Case
 from edmctl.results.run_file import Sites
 
@@ -37,7 +22,7 @@ PAUSE_S = 1.0
 """Rows further apart than this have something else than machining between them."""
 NEW_SITE_UM = 2.0
 """An estimated depth that falls by more than this belongs to another place."""
-_COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK)
+_COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY, style.BLACK)
 _DASHES = ("-", (0, (4, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (2.5, 1.2)))
 QUANTITIES = {
     "mrr_mm3_min": ("removal rate, 10⁻³ mm³/min", 1e3),
@@ -53,11 +38,11 @@ def draw_runs(runs: Sequence[RunFile], names: Sequence[str]) -> Figure:
     sites = [sites_of(run) for run in runs]
     lines = [_depth_line(run) for run in runs]
     if not any(len(time_s) for time_s, _ in lines) and not any(sites):
-        raise NothingToDraw("None of the runs has machined anything.")
-    per, label = time_unit(max((time_s[-1] for time_s, _ in lines if len(time_s)), default=0.0))
+        raise style.NothingToDraw("None of the runs has machined anything.")
+    per, label = style.time_unit(max((time_s[-1] for time_s, _ in lines if len(time_s)), default=0.0))
     figure, (depth, end_depth, end_wear) = panels.panels(
         panels.Block(label.replace("time", "time machining"), {"estimated depth (µm)": 1.9}, (2.0, 1.0, 1.0)),
-        width_mm=PAGE_MM,
+        width_mm=style.PAGE_MM,
     )
     for number, (name, (time_s, depth_um)) in enumerate(zip(names, lines, strict=True)):
         colour, dash = _COLOURS[number % len(_COLOURS)], _DASHES[number % len(_DASHES)]
@@ -73,8 +58,8 @@ def draw_runs(runs: Sequence[RunFile], names: Sequence[str]) -> Figure:
     if len(targets) == 1 and (target := targets.pop()) is not None:
         target_um, tolerance_um = target
         ends_um = (target_um - tolerance_um, target_um + tolerance_um)
-        end_depth.axhspan(*ends_um, color=LIGHT, label="target", zorder=0)
-        end_depth.axhline(target_um, color=GREY, linewidth=0.6)
+        end_depth.axhspan(*ends_um, color=style.LIGHT, label="target", zorder=0)
+        end_depth.axhline(target_um, color=style.GREY, linewidth=0.6)
     panels.shared_legend(figure, (depth, end_depth), ncols=8)
     simulated = [name for name, run in zip(names, runs, strict=True) if run.is_simulated]
     if simulated:
@@ -85,7 +70,7 @@ def draw_runs(runs: Sequence[RunFile], names: Sequence[str]) -> Figure:
 
 def _depth_line(run: RunFile) -> tuple[Array, Array]:
     """Return the time with the servo on and the estimated depth, with NaN where the tool went to another place."""
-    lines = envelopes(
+    lines = signals.envelopes(
         run, "/entry/slow", ["est_depth"], lambda rows: {"depth": rows["est_depth"].astype(np.float64)}
     )
     if not lines:
@@ -117,7 +102,7 @@ def _draw_results(axes: Axes, names: Sequence[str], sites: Sequence[Sites], quan
 def draw_cases(cases: Sequence[Case]) -> Figure:
     """Draw means over the runs of each case, bars of a standard deviation. Raises NothingToDraw for no cases."""
     if not cases:
-        raise NothingToDraw("no run is finished")
+        raise style.NothingToDraw("no run is finished")
     places, axis, labels = _places(cases)
     figure = panels.new_figure(95.0, 120.0)
     axes = figure.subplots(2, 2, sharex=True)
@@ -128,9 +113,11 @@ def draw_cases(cases: Sequence[Case]) -> Figure:
             if (s := case.spreads.get(name))
         ]
         if not found:
-            panel.text(0.5, 0.5, "nothing measured", ha="center", color=GREY, transform=panel.transAxes)
+            panel.text(0.5, 0.5, "nothing measured", ha="center", color=style.GREY, transform=panel.transAxes)
         at, means, bars = np.array(found).reshape(-1, 3).T
-        panel.errorbar(at, means, yerr=bars, fmt="o" if labels else "o-", color=BLUE, markersize=3, capsize=2)
+        panel.errorbar(
+            at, means, yerr=bars, fmt="o" if labels else "o-", color=style.BLUE, markersize=3, capsize=2
+        )
         panel.set_ylabel(title)
         if labels:
             panel.set_xticks(places, labels, rotation=90)
@@ -140,7 +127,9 @@ def draw_cases(cases: Sequence[Case]) -> Figure:
     counts = sorted({len(case.runs) for case in cases})
     runs = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
     words = f"means of {runs} runs a case; bars ± one standard deviation of a run"
-    figure.suptitle("one run a case: no bars" if counts[-1] == 1 else words, fontsize="small", color=GREY)
+    figure.suptitle(
+        "one run a case: no bars" if counts[-1] == 1 else words, fontsize="small", color=style.GREY
+    )
     return figure
 
 
