@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from benchmarks.common import machine_on, machined, options
 from edmctl.jobs.job import TrueWear
-from edmctl.planning.erosion import of_tool
+from edmctl.planning.removal import of_tool
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import NoStateStore, job_of
 from edmctl.profile.setup import Setup

@@ -24,7 +24,7 @@ from edmctl.jobs.plan import FRESH, MachineAddress, where_is
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.link.ports import SOCKET, PortInfo, scheme_of
-from edmctl.planning.erosion import of_tool, of_work
+from edmctl.planning.removal import of_tool, of_work
 from edmctl.planning.rules.load import LoadedProfile
 from edmctl.process.erosion import ErosionLaw, GapLaw
 from edmctl.profile.folders import data_folder, is_file, own_setup_path

@@ -15,8 +15,7 @@ from edmctl.dataclasses import dataclass
 from edmctl.jobs.corrections import Choice
 from edmctl.jobs.plan import Plan
 from edmctl.planning.rules.load import LoadedProfile
-from edmctl.profile.positions import SET_OPTION
-from edmctl.profile.read import read_chain
+from edmctl.profile.read import SET_OPTION, read_chain
 from edmctl.profile.setup import Setup
 from edmctl.record.journal import journal_path
 from edmctl.record.rows import RunMeta, SourceText, profile_leaves

@@ -10,7 +10,6 @@ from typing import Any
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.planning.channel import Channel
-from edmctl.planning.erosion import Recipe, expected_ra_um, ra_of_regimes_um, recipes_of
 from edmctl.planning.measuring import (
     FACE_LIMIT_UM,
     Cut,
@@ -27,9 +26,13 @@ from edmctl.planning.measuring import (
 )
 from edmctl.planning.removal import (
     Hole,
+    Recipe,
+    expected_ra_um,
     feed_rate_um_s,
     hole,
     machining_share,
+    ra_of_regimes_um,
+    recipes_of,
     removal_um3_s,
     servo_swing,
     time_share_of_jumps,

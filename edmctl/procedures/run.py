@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from edmctl import failures
 from edmctl.dataclasses import asdict, dataclass, field, replace
 from edmctl.machine.interface import SLICE_S, Machine, TelemetryBlock
-from edmctl.planning.erosion import Recipe, recipes_of
+from edmctl.planning.removal import Recipe, recipes_of
 from edmctl.procedures.job import (
     PERIOD_S,
     HoleTarget,

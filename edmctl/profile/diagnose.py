@@ -9,10 +9,21 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
 from edmctl.failures import Code
-from edmctl.profile.positions import KeyPath, Sources, TomlTable
-from edmctl.profile.read import dotted
-from edmctl.profile.tables import accepts, keys_at, lists_tables, nearest, permitted_at
-from edmctl.profile.units import NO_UNIT, Unit, converted, quantity, split
+from edmctl.profile.read import Sources, dotted
+from edmctl.profile.tables import (
+    NO_UNIT,
+    KeyPath,
+    TomlTable,
+    Unit,
+    accepts,
+    converted,
+    keys_at,
+    lists_tables,
+    nearest,
+    permitted_at,
+    quantity,
+    split,
+)
 from edmctl.toml_text import toml_value
 from edmctl.wording import shortened
 

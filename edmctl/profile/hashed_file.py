@@ -9,8 +9,7 @@ from pydantic import ValidationError
 
 from edmctl.errors import Location, ProfileError, RecordError, RunFileError
 from edmctl.files import replace_file
-from edmctl.profile.positions import Sources
-from edmctl.profile.read import parse, read_source
+from edmctl.profile.read import Sources, parse, read_source
 from edmctl.profile.tables import Table, content_hash
 
 HASH = "sha256"

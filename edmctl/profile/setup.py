@@ -13,8 +13,7 @@ from edmctl.errors import Diagnostic, ProfileError
 from edmctl.failures import Code
 from edmctl.files import user_path
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
-from edmctl.profile.positions import Sources
-from edmctl.profile.read import parse, read_source
+from edmctl.profile.read import Sources, parse, read_source
 from edmctl.profile.tables import Coordinate, FileName, Table, entry
 
 ARRIVAL_RUN_UM = 50.0

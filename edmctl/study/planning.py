@@ -14,7 +14,7 @@ from edmctl.jobs.plan import JobRequest, Plan, check
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.planning.removal import PAD_MARGIN_UM, WALL_UM
 from edmctl.profile.folders import as_value, is_path
-from edmctl.profile.positions import SET_OPTION
+from edmctl.profile.read import SET_OPTION
 from edmctl.study import responses
 from edmctl.study.design import (
     AS_LEVELS,

@@ -11,8 +11,7 @@ from edmctl.dataclasses import dataclass
 from edmctl.errors import Diagnostic, ProfileError
 from edmctl.failures import Code
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
-from edmctl.profile.positions import Source, Sources
-from edmctl.profile.read import parse, read_source
+from edmctl.profile.read import Source, Sources, parse, read_source
 from edmctl.profile.tables import ONE_LINE, FileName, Table
 
 NAME = r"^[A-Za-z_][A-Za-z0-9_.-]*$"

@@ -7,7 +7,7 @@ import json
 import pytest
 
 import edmctl
-from edmctl.planning.erosion import REFERENCE_MARGIN
+from edmctl.planning.removal import REFERENCE_MARGIN
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.servo.adaptive import CLEAN_S, LONGEST_SHARE, PATIENCE, AdaptiveControl
 from edmctl.profile.model import Profile

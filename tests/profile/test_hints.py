@@ -10,9 +10,8 @@ from pydantic import ValidationError
 from edmctl.errors import ProfileError
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
 from edmctl.profile.model import ProfileFile
-from edmctl.profile.positions import Source, Sources
-from edmctl.profile.read import Merged, apply_overrides, parse
-from edmctl.profile.units import NO_UNIT, split, unit_of
+from edmctl.profile.read import Merged, Source, Sources, apply_overrides, parse
+from edmctl.profile.tables import NO_UNIT, split, unit_of
 from tests.planning.rules.documents import place_of
 
 

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from edmctl.process.erosion import GAP_LAW, LAW
 from edmctl.profile.model import SimSettings
-from edmctl.profile.positions import KeyPath, location, scan
+from edmctl.profile.read import location, scan
+from edmctl.profile.tables import KeyPath
 
 bare = st.text("abcXYZ019_-", min_size=1, max_size=6)
 odd = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), max_size=6)

@@ -12,7 +12,7 @@ from edmctl.errors import Location
 from edmctl.failures import Code
 from edmctl.planning.forecast import Job
 from edmctl.profile.model import Profile
-from edmctl.profile.positions import KeyPath
+from edmctl.profile.tables import KeyPath
 
 
 @dataclass(frozen=True, slots=True)

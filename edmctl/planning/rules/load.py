@@ -12,28 +12,27 @@ from pydantic import BaseModel, ValidationError
 from edmctl.dataclasses import astuple, dataclass, replace
 from edmctl.errors import Diagnostic, ProfileError
 from edmctl.failures import Code
-from edmctl.planning.erosion import recipes_of, with_expected_erosion, with_regimes, with_sought_reference
 from edmctl.planning.forecast import Job, forecast
-from edmctl.planning.rules import motion, pulse, sites, target
+from edmctl.planning.removal import recipes_of, with_expected_erosion, with_regimes, with_sought_reference
+from edmctl.planning.rules import machining, sites
 from edmctl.planning.rules.bound import Finding, Findings, Rule
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
 from edmctl.profile.folders import find_profile, shipped_profiles
 from edmctl.profile.model import Profile, ProfileFile, SimSettings
 from edmctl.profile.places import Place, places
-from edmctl.profile.positions import SET_OPTION, Sources, TomlTable
-from edmctl.profile.read import apply_overrides, read_chain
+from edmctl.profile.read import SET_OPTION, Sources, apply_overrides, read_chain
 from edmctl.profile.setup import Setup
-from edmctl.profile.tables import content_hash
+from edmctl.profile.tables import TomlTable, content_hash
 from edmctl.results.result import Forecast, ProfileSummary
 
 OF_PULSES: tuple[Rule, ...] = (
-    pulse.reference_window,
-    motion.slope_against_feed,
-    motion.limit_cycle,
-    pulse.pulse_energy,
-    *pulse.BOUNDS,
-    pulse.discharge_time,
-    pulse.within_the_laws,
+    machining.reference_window,
+    machining.slope_against_feed,
+    machining.limit_cycle,
+    machining.pulse_energy,
+    *machining.PULSE_BOUNDS,
+    machining.discharge_time,
+    machining.within_the_laws,
 )
 """What holds for pulses and reference of every regime."""
 SHARES = 1e-6
@@ -75,29 +74,29 @@ def regimes(job: Job) -> Findings:
             yield replace(one, key=("regimes", number), message=f"regime {recipe.name}: {one.message}")
 
 
-BEFORE_ALL: tuple[Rule, ...] = (pulse.reference_stated_once, sites.path_keys, pulse.does_nothing)
+BEFORE_ALL: tuple[Rule, ...] = (machining.reference_stated_once, sites.path_keys, machining.does_nothing)
 """Rules without which nothing can be calculated: the others are checked once these are kept."""
 RULES: tuple[Rule, ...] = (
-    pulse.reference_window,
-    motion.stroke,
-    motion.slope_against_feed,
-    motion.limit_cycle,
-    *motion.BOUNDS,
-    motion.jump,
-    pulse.pulse_energy,
-    *pulse.BOUNDS,
-    pulse.discharge_time,
-    target.tolerance,
-    *target.BOUNDS,
-    target.kinds,
+    machining.reference_window,
+    machining.stroke,
+    machining.slope_against_feed,
+    machining.limit_cycle,
+    *machining.BOUNDS,
+    machining.jump,
+    machining.pulse_energy,
+    *machining.PULSE_BOUNDS,
+    machining.discharge_time,
+    sites.tolerance,
+    *sites.BOUNDS,
+    sites.kinds,
     sites.names,
     sites.clear_of_each_other,
     sites.within_reach,
     sites.array_wear,
     sites.LAYER,
-    target.depth_beyond_tolerance,
-    pulse.known_materials,
-    pulse.within_the_laws,
+    sites.depth_beyond_tolerance,
+    machining.known_materials,
+    machining.within_the_laws,
     regimes,
 )
 """Every other rule. Rule 12 (one touch speed for Z1, Z2 and Z3) has no key to break it."""
@@ -167,10 +166,10 @@ def load_profile(
     job = Job(with_expected_erosion(with_share), machine, placed)
     findings = [one for rule in RULES for one in rule(job)]
     if all(one.code.startswith("W") for one in findings):
-        findings += pulse.stated_agrees(Job(with_share, machine))
+        findings += machining.stated_agrees(Job(with_share, machine))
     warnings += _refuse_errors(findings, sources)
     job = Job(_with_time_limit(_completed(with_share), machine, placed), machine, placed)
-    late = [*target.time_limit(job), *pulse.sim_agrees(job.profile, written.sim)]
+    late = [*sites.time_limit(job), *machining.sim_agrees(job.profile, written.sim)]
     return LoadedProfile(
         profile=job.profile,
         sim=written.sim,

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from edmctl.errors import MachineFault
 from edmctl.labels import Basis, marked
-from edmctl.planning.erosion import recipes_of
 from edmctl.planning.measuring import estimate_of
+from edmctl.planning.removal import recipes_of
 from edmctl.procedures.hole.cut import Cut, CutEnd, CutResult
 from edmctl.procedures.hole.cut_planning import CutPlan, energy_of, first_plan, following_plan
 from edmctl.procedures.hole.decision import (

@@ -14,7 +14,7 @@ import math
 from collections import deque
 
 from edmctl.dataclasses import dataclass
-from edmctl.planning.erosion import REFERENCE_MARGIN
+from edmctl.planning.removal import REFERENCE_MARGIN
 from edmctl.procedures.run import Args
 from edmctl.profile.model import Profile
 from edmctl.record.rows import RunEvent

@@ -7,7 +7,7 @@ import pytest
 import edmctl
 from edmctl.errors import ProfileError
 from edmctl.failures import Code
-from edmctl.planning.erosion import recipes_of
+from edmctl.planning.removal import recipes_of
 from edmctl.planning.rules.load import load_profile
 
 ROUGH = '{name="rough",share=0.75,current_a=0.3}'
