@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from edmctl.board.first_start import nets
+from edmctl.board.first_start.checklist import NETS
 from tools.generate import machine_diagram, machine_page
 from tools.generate.board_source import FIRMWARE, numbers, pins, wired_together
 from tools.generate.circuits import (
@@ -138,7 +138,7 @@ def test_the_checklist_names_the_same_pins() -> None:
     by_pin = {pin.name for pin in pins()}
     told = {
         name
-        for value in vars(nets).values()
+        for value in NETS.values()
         for text in (value if isinstance(value, tuple) else (value,))
         if isinstance(text, str)
         for name in re.findall(r"\bP[A-G]\d+\b", text)

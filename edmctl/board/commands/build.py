@@ -5,50 +5,33 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from edmctl import failures
-from edmctl.cli.options import RESULT, command
+from edmctl.cli.options import RESULT, command, option
 from edmctl.cli.outcome import Outcome
 
 BoardOption = Annotated[
     str | None,
-    typer.Option(
-        "--board",
-        metavar="host|stm32f4",
-        help="What to build for: this computer's virtual machines, or a board. Default: host.",
+    option(
+        "--board host|stm32f4",
+        "What to build for: this computer's virtual machines, or a board. Default: host.",
     ),
 ]
 CompilerOption = Annotated[
     str | None,
-    typer.Option(
-        "--compiler",
-        metavar="zig|gcc",
-        help="Default: zig (the package ziglang), else arm-none-eabi-gcc; of the host CC, the system's, or zig.",
+    option(
+        "--compiler zig|gcc",
+        "Default: zig (the package ziglang), else arm-none-eabi-gcc; of the host CC, the system's, or zig.",
     ),
 ]
 OutputOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--output",
-        "-o",
-        metavar="FILE|FOLDER",
-        help="ELF, with BIN beside it. Default: edmctl-BOARD.elf.",
-    ),
+    Path | None, option("--output -o FILE|FOLDER", "ELF, with BIN beside it. Default: edmctl-BOARD.elf.")
 ]
 RealOption = Annotated[
-    str | None,
-    typer.Option(
-        "--real", metavar="double|float", help="Arithmetic of the library of the host. Default: both."
-    ),
+    str | None, option("--real double|float", "Arithmetic of the library of the host. Default: both.")
 ]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="NAME=VALUE",
-        help="Of a board: a range, step or limit of your machine. May be repeated.",
-    ),
+    option("--set NAME=VALUE", "Of a board: a range, step or limit of your machine. May be repeated."),
 ]
 
 

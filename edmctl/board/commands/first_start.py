@@ -9,8 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from edmctl import failures
 from edmctl.cli.options import (
     NOTES,
@@ -20,6 +18,7 @@ from edmctl.cli.options import (
     SetupOption,
     WaitOption,
     command,
+    option,
 )
 from edmctl.cli.outcome import Outcome, mutter, tell
 from edmctl.cli.signals import shell
@@ -27,19 +26,16 @@ from edmctl.jsonout import render_json
 
 if TYPE_CHECKING:
     from edmctl.board.first_start.checklist import FirstStartReport, Item
-    from edmctl.board.first_start.person import Person, Prompt
+    from edmctl.board.first_start.person import Person
     from edmctl.machine.controller import LinkMachine
 
 AnswersOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--answers", metavar="FILE", help="Take all answers from a TOML file; what it lacks is skipped."
-    ),
+    Path | None, option("--answers FILE", "Take all answers from a TOML file; what it lacks is skipped.")
 ]
 YesOption = Annotated[
-    bool, typer.Option("--yes", help="Allow every step. On a virtual machine in this process (sim:) alone.")
+    bool, option("--yes", "Allow every step. On a virtual machine in this process (sim:) only.")
 ]
-OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the report.")]
+OutOption = Annotated[Path, option("--out DIR", "Folder of the report.")]
 HOW_TO_STOP = (
     "Ctrl-C stops at any time: pulses off, tool retracted, the report is written; high voltage and amplifier are "
     "yours to switch off.\n"
@@ -138,10 +134,12 @@ class Terminal:
     def has_answered(self, _key: str) -> bool:
         return False
 
-    def ask(self, prompt: "Prompt") -> str:
+    def ask(self, key: str) -> str:
         """Ask until the reply is one of the options, a number, or skips; a dangerous step takes the whole word."""
+        from edmctl.board.first_start.checklist import PROMPTS
         from edmctl.board.first_start.person import is_number
 
+        prompt = PROMPTS[key]
         listed = ", ".join(prompt.options).replace("done", "Enter when done") or "a number"
         listed += "; s skips"
         warning = "DANGER  " if prompt.danger else ""

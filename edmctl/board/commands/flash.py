@@ -4,12 +4,10 @@ import sys
 from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from edmctl import failures
 from edmctl.board.commands.info import ImageArgument
 from edmctl.cli import completion
-from edmctl.cli.options import NOTES, SetupOption, WaitOption, command
+from edmctl.cli.options import NOTES, SetupOption, WaitOption, command, option
 from edmctl.cli.outcome import Outcome, Output, mutter, tell
 from edmctl.cli.signals import shell
 
@@ -18,30 +16,20 @@ if TYPE_CHECKING:
     from edmctl.core.boards import Board
 
 ToolOption = Annotated[
-    str | None,
-    typer.Option(
-        "--tool",
-        metavar="pyocd|openocd",
-        help="Default: the first of them that is installed.",
-    ),
+    str | None, option("--tool pyocd|openocd", "Default: the first of them that is installed.")
 ]
-ProbeOption = Annotated[
-    str | None,
-    typer.Option("--probe", metavar="ID", help="Serial number of the ST-LINK."),
-]
+ProbeOption = Annotated[str | None, option("--probe ID", "Serial number of the ST-LINK.")]
 FlashPortOption = Annotated[
     str | None,
-    typer.Option(
-        "--port",
-        metavar="PORT",
-        help="Where the board is asked whether a job runs, and afterwards who it is.",
+    option(
+        "--port PORT",
+        "Where the board is asked whether a job runs, and afterwards who it is.",
         autocompletion=completion.ports,
         show_default=False,
     ),
 ]
 OffOption = Annotated[
-    bool,
-    typer.Option("--yes-high-voltage-is-off", help="Do not ask whether the high voltage is off: it is."),
+    bool, option("--yes-high-voltage-is-off", "Do not ask whether the high voltage is off: it is.")
 ]
 _ANSWER = "off"
 

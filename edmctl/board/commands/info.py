@@ -6,21 +6,27 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
-import typer
-
 from edmctl.cli import completion
-from edmctl.cli.options import NOTES, SetupOption, WaitOption, command
+from edmctl.cli.options import NOTES, SetupOption, WaitOption, argument, command
 from edmctl.cli.outcome import Outcome, tell
 from edmctl.cli.signals import shell
 from edmctl.files import user_path
 
 WhatArgument = Annotated[
     str,
-    typer.Argument(
-        metavar="FILE|PORT",
-        help="An image (ELF or BIN), or the port of a board.",
+    argument(
+        "FILE|PORT",
+        "An image (ELF or BIN), or the port of a board.",
         autocompletion=completion.ports,
-        show_default=False,
+    ),
+]
+ImageArgument: TypeAlias = Annotated[Path, argument("FILE", "Image of a board: ELF or BIN.")]
+BoardPortArgument: TypeAlias = Annotated[
+    str,
+    argument(
+        "PORT",
+        "Where the board is: a serial port, socket://HOST:PORT, serial:ID or auto.",
+        autocompletion=completion.ports,
     ),
 ]
 
@@ -55,20 +61,6 @@ def _is_file(what: str) -> bool:
     with suppress(OSError, ValueError):
         return not stat.S_ISCHR(user_path(what).stat().st_mode)
     return user_path(what).suffix.lower() in (".elf", ".bin")
-
-
-ImageArgument: TypeAlias = Annotated[
-    Path, typer.Argument(metavar="FILE", help="Image of a board: ELF or BIN.", show_default=False)
-]
-BoardPortArgument: TypeAlias = Annotated[
-    str,
-    typer.Argument(
-        metavar="PORT",
-        help="Where the board is: a serial port, socket://HOST:PORT, serial:ID or auto.",
-        autocompletion=completion.ports,
-        show_default=False,
-    ),
-]
 
 
 @command("firmware verify", NOTES)

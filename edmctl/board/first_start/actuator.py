@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from statistics import fmean, linear_regression
 
-from edmctl.board.first_start import nets
-from edmctl.board.first_start.checklist import NOT_FITTED, Checklist, Finding, Part, Skip, cause, wrong
+from edmctl.board.first_start.checklist import (
+    NOT_FITTED,
+    Checklist,
+    Finding,
+    Skip,
+    check,
+    mistake,
+    wrong,
+)
 from edmctl.dataclasses import dataclass
 from edmctl.procedures.settings import motion_settings
-from edmctl.profile.setup import Setup
 from edmctl.wording import decimal, signed
 
 SMALL_V = (0.5, 1.0, 1.5, 2.0)
@@ -23,7 +28,6 @@ SMALL_GAIN, LARGE_GAIN = (0.25, 1.6), (0.5, 1.4)
 """Shares of the setup's gain, which is that of the whole stroke: hysteresis reduces it for small steps."""
 BACK_UM = 10.0
 SAFE_UM = 20.0
-PART = Part("actuator")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,23 +62,7 @@ def _line(steps: list[Step], name: str) -> tuple[float, float]:
     return slope, offset
 
 
-def _bounded(text: str, bounds: tuple[float, float]) -> Callable[[Setup], str]:
-    low, high = bounds
-
-    def expected(setup: Setup) -> str:
-        gain = setup.actuator.gain_um_per_v
-        return f"{text} by {low * gain:.2f} to {high * gain:.2f} µm/V ({low:g} to {high:g} of the setup's {gain:g})"
-
-    return expected
-
-
-@PART.check(
-    "amplifier-on",
-    "amplifier on",
-    "The amplifier was switched on at 0 V; monitor and sensor were read.",
-    f"the monitor within {MONITOR_OFFSET_V:g} V of 0, the sensor within {BACK_UM:g} µm of before",
-    "idle armed-estop armed-door contact",
-)
+@check("amplifier-on", volts=MONITOR_OFFSET_V, um=BACK_UM)
 def amplifier_on(c: Checklist) -> Finding:
     c.allow("actuator")
     before_um = c.mean("displacement_um")
@@ -84,63 +72,32 @@ def amplifier_on(c: Checklist) -> Finding:
     way_um = fmean(status.displacement_um for status in readings) - before_um
     read = f"monitor {decimal(monitor_v)} V, sensor {signed(way_um)} µm from before"
     if abs(way_um) > BACK_UM:
-        text = (
-            "the actuator moves at 0 V: the converter is not at 0, or the amplifier's offset; switch it off"
-        )
-        return wrong(read, text, nets.DAC)
-    if abs(monitor_v) > MONITOR_OFFSET_V:
-        return wrong(read, "actuator monitor has an offset: its ground, or its amplifier", nets.MONITOR)
-    return Finding(read)
+        return wrong(read, "amplifier_moves")
+    return wrong(read, "amplifier_offset") if abs(monitor_v) > MONITOR_OFFSET_V else Finding(read)
 
 
-@PART.check(
-    "drive",
-    "actuator drive",
-    f"Steps to {', '.join(f'{v:g}' for v in SMALL_V)} V; monitor and sensor were read at each.",
-    "either of them follows",
-    "amplifier-on",
-)
+@check("drive")
 def drive(c: Checklist) -> Finding:
     steps = c.kept["steps"] = _step_through(c, SMALL_V)
     monitor, displacement = _line(steps, "monitor_v")[0], _line(steps, "displacement_um")[0]
     read = f"monitor {signed(monitor)} V/V, sensor {signed(displacement)} µm/V"
     dead = DEAD * c.setup.actuator.gain_um_per_v
-    if abs(monitor) >= DEAD or (c.setup.sensor.fitted and abs(displacement) >= dead):
-        return Finding(read)
-    text = "nothing follows: the converter's wires, the amplifier's input or its supply"
-    return wrong(read, text, nets.DAC)
+    follows = abs(monitor) >= DEAD or (c.setup.sensor.fitted and abs(displacement) >= dead)
+    return Finding(read) if follows else wrong(read, "drive_dead")
 
 
-@PART.check(
-    "monitor",
-    "actuator monitor",
-    "The same steps.",
-    f"gain 1 within {100.0 * MONITOR_GAIN:.0f} %, offset below {MONITOR_OFFSET_V:g} V",
-    "drive",
-)
+@check("monitor", gain=MONITOR_GAIN, volts=MONITOR_OFFSET_V)
 def monitor(c: Checklist) -> Finding:
     gain, offset_v = _line(c.kept["steps"], "monitor_v")
     read = f"gain {signed(gain)}, offset {signed(offset_v)} V"
-    if abs(gain - 1.0) <= MONITOR_GAIN and abs(offset_v) <= MONITOR_OFFSET_V:
-        return Finding(read)
+    if abs(gain - 1.0) <= MONITOR_GAIN:
+        return Finding(read) if abs(offset_v) <= MONITOR_OFFSET_V else wrong(read, "monitor_offset")
     if abs(gain) < DEAD:
-        text = "actuator monitor does not follow, and the actuator does: wire off"
-    elif gain < 0.0:
-        text = "actuator monitor is reversed"
-    elif abs(gain - 1.0) > MONITOR_GAIN:
-        text = f"actuator monitor reads {gain:.2f} of the voltage: wrong divider, or gain of the amplifier"
-    else:
-        text = "actuator monitor has an offset"
-    return wrong(read, text, nets.MONITOR)
+        return wrong(read, "monitor_dead")
+    return wrong(read, "monitor_reversed" if gain < 0.0 else "monitor_scale", gain=gain)
 
 
-@PART.check(
-    "displacement",
-    "displacement sensor",
-    "The same steps.",
-    _bounded("more with more voltage", SMALL_GAIN),
-    "drive",
-)
+@check("displacement", share=SMALL_GAIN)
 def displacement(c: Checklist) -> Finding:
     if not c.setup.sensor.fitted:
         raise Skip(NOT_FITTED, absent=True)
@@ -150,36 +107,22 @@ def displacement(c: Checklist) -> Finding:
     if SMALL_GAIN[0] <= share <= SMALL_GAIN[1]:
         return Finding(read)
     if abs(share) < DEAD:
-        text = "displacement sensor does not follow, and the monitor does: wire off, or it does not look at the tool"
-    elif share < 0.0:
-        text = "displacement sensor is reversed: more voltage has to read more displacement, towards the workpiece"
-    else:
-        text = "displacement sensor has another scale than the setup, or the actuator another gain"
-    return wrong(read, text, nets.DISPLACEMENT)
+        return wrong(read, "displacement_dead")
+    return wrong(read, "displacement_reversed" if share < 0.0 else "displacement_scale")
 
 
-@PART.check(
-    "range",
-    "actuator to 40 V",
-    f"Steps to {', '.join(f'{v:g}' for v in LARGE_V)} V.",
-    _bounded(
-        f"the monitor within {MONITOR_STEP_V:g} V at each; the sensor, if fitted, back within {BACK_UM:g} µm, up",
-        LARGE_GAIN,
-    ),
-    "monitor displacement",
-)
+@check("range", volts=MONITOR_STEP_V, um=BACK_UM, share=LARGE_GAIN)
 def full_range(c: Checklist) -> Finding:
     steps = _step_through(c, tuple(v for v in LARGE_V if v <= c.setup.actuator.stroke_v))
     worst_v = max((step.monitor_v - step.command_v for step in steps), key=abs)
-    read, causes = f"monitor {signed(worst_v)} V off at most", []
-    if abs(worst_v) > MONITOR_STEP_V:
-        causes.append(cause("actuator monitor has another gain at more voltage", nets.MONITOR, nets.DAC))
+    read = f"monitor {signed(worst_v)} V off at most"
+    causes = [mistake("monitor_bends")] if abs(worst_v) > MONITOR_STEP_V else []
     if c.setup.sensor.fitted:
         top, gain = max(steps, key=lambda step: step.command_v), c.setup.actuator.gain_um_per_v
         slope = (top.displacement_um - steps[0].displacement_um) / top.command_v
         back_um = steps[-1].displacement_um - steps[0].displacement_um
-        read += f"; sensor {signed(slope)} µm/V, {decimal(slope / gain)} of the setup's, {signed(back_um)} µm after"
-        if not LARGE_GAIN[0] <= slope / gain <= LARGE_GAIN[1] or abs(back_um) > BACK_UM:
-            text = "displacement sensor and setup do not agree: scale, fixing, or actuator.gain_um_per_v"
-            causes.append(cause(text, nets.DISPLACEMENT))
+        share = slope / gain
+        read += f"; sensor {signed(slope)} µm/V, {decimal(share)} of the setup's, {signed(back_um)} µm after"
+        if not LARGE_GAIN[0] <= share <= LARGE_GAIN[1] or abs(back_um) > BACK_UM:
+            causes.append(mistake("displacement_setup"))
     return Finding(read, tuple(causes))

@@ -1,14 +1,15 @@
-"""The checklist: items with their dependencies, and how a reading or an error becomes a result."""
+"""The checklist: items as checklist.toml declares them, and how a reading or an error becomes a result."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import tomllib
+from collections.abc import Callable
 from contextlib import suppress
 from enum import StrEnum
+from importlib.resources import files
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from edmctl.board.first_start.person import PROMPTS, Prompt
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import EdmError, Interrupted, LinkLost, MachineFault, UsageError
 from edmctl.link.faults import FaultCode
@@ -16,8 +17,14 @@ from edmctl.machine.faults import FaultLatched
 from edmctl.machine.interface import MachineStatus
 
 if TYPE_CHECKING:
+    from edmctl.board.first_start.person import Person
     from edmctl.machine.controller import LinkMachine
     from edmctl.profile.setup import Setup
+
+DECLARED: dict[str, Any] = tomllib.loads(
+    files("edmctl.board.first_start").joinpath("checklist.toml").read_text(encoding="utf-8")
+)
+NETS: dict[str, str] = DECLARED["nets"]
 
 SETTLE_S = 0.3
 """Filters and switches settle within this after an operator action."""
@@ -44,8 +51,11 @@ class Cause:
     nets: tuple[str, ...]
 
 
-def cause(text: str, *nets: str) -> Cause:
-    return Cause(text, nets)
+def mistake(name: str, *nets: str, **values: object) -> Cause:
+    """Return a declared mistake, or that of a fault, with its values; `nets` come before its own."""
+    row = DECLARED["mistakes"].get(name) or DECLARED["faults"][name]
+    declared = (NETS[net] for net in row.get("nets", "").split())
+    return Cause(row["text"].format(**values), (*nets, *declared))
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,9 +107,29 @@ class Finding:
     answered: bool = False
 
 
-def wrong(read: str, text: str, *nets: str) -> Finding:
-    """Return a reading with one likely mistake and the nets that it is on."""
-    return Finding(read, (Cause(text, nets),))
+def wrong(read: str, name: str, *nets: str, **values: object) -> Finding:
+    """Return a reading with one declared mistake."""
+    return Finding(read, (mistake(name, *nets, **values),))
+
+
+@dataclass(frozen=True, slots=True)
+class Prompt:
+    """An action (option `done`) or a question; no options: a number.
+
+    danger : the step energises something. changes : of an action, the injections on a virtual machine.
+    """
+
+    key: str
+    text: str
+    options: list[str]
+    danger: bool = False
+    changes: str = ""
+
+
+YES_NO = ["yes", "no"]
+ACTS = {key: Prompt(key, **{"options": ["done"], **row}) for key, row in DECLARED["acts"].items()}
+QUESTIONS = {key: Prompt(key, **{"options": YES_NO, **row}) for key, row in DECLARED["questions"].items()}
+PROMPTS = ACTS | QUESTIONS
 
 
 class Skip(Exception):
@@ -110,62 +140,43 @@ class Skip(Exception):
         self.reason, self.absent = reason, absent
 
 
-@dataclass(frozen=True, slots=True)
-class Check:
-    """A declared item: `look` does it, once the items with the keys `needs` are right."""
-
-    key: str
-    title: str
-    done: str
-    expected: str | Callable[[Setup], str]
-    needs: tuple[str, ...]
-    look: Callable[[Checklist], Finding]
+Look = Callable[["Checklist"], Finding]
+_LOOKS: dict[str, tuple[Look, dict[str, object]]] = {}
 
 
-@dataclass(slots=True)
-class Part:
-    """Checks under one heading, in their order."""
+def check(key: str, **values: object) -> Callable[[Look], Look]:
+    """Declare the function of an item, with the values of its texts."""
 
-    title: str
-    checks: list[Check] = field(default_factory=list)
+    def declare(look: Look) -> Look:
+        _LOOKS[key] = look, values
+        return look
 
-    def check(
-        self, key: str, title: str, done: str, expected: str | Callable[[Setup], str], needs: str = ""
-    ) -> Callable[[Callable[[Checklist], Finding]], Check]:
-        """Declare a check by a decorator of its function; `needs` are keys of items, separated by spaces."""
-
-        def declare(look: Callable[[Checklist], Finding]) -> Check:
-            self.checks.append(Check(key, title, done, expected, tuple(needs.split()), look))
-            return self.checks[-1]
-
-        return declare
+    return declare
 
 
 @dataclass(slots=True)
 class Checklist:
     """One machine, the results so far, and what checks keep for later ones in `kept`.
 
-    ask_person : returns the answer to a prompt. show : called with every item. say : called with other readings.
-    causes_of : likely mistakes behind an error.
+    show : called with every item. say : called with other readings.
     """
 
     machine: LinkMachine
     setup: Setup
-    ask_person: Callable[[Prompt], str]
+    person: Person
     show: Callable[[Item], None]
     say: Callable[[str], None]
-    causes_of: Callable[[EdmError], tuple[Cause, ...]]
     items: list[Item] = field(default_factory=list)
     kept: dict[str, Any] = field(default_factory=dict)
 
-    def run_all(self, parts: Sequence[Part]) -> None:
-        """Do every item; nothing if the machine is not ready for the first."""
-        for part in parts:
-            for check in part.checks:
-                if not self.run(part, check) and check.key == "ready":
+    def run(self) -> None:
+        """Do every item; nothing more if the machine is not ready for the first. Raises as `run_item`."""
+        for part, rows in DECLARED["items"].items():
+            for key, row in rows.items():
+                if not self.run_item(part, key, row) and key == "ready":
                     return
 
-    def run(self, part: Part, check: Check) -> bool:
+    def run_item(self, part: str, key: str, row: dict[str, str]) -> bool:
         """Do an item unless one that it needs is not right; return whether it is right.
 
         Any other error is a result: the machine is made safe and the fault cleared that the item has provoked.
@@ -173,21 +184,20 @@ class Checklist:
         Raises LinkLost, Interrupted, UsageError if no answers come any more, MachineFault for an emergency stop that
         was not requested.
         """
-        expected = check.expected if isinstance(check.expected, str) else check.expected(self.setup)
+        look, values = _LOOKS[key]
+        done, expected = (row[name].format(**values, setup=self.setup) for name in ("done", "expected"))
 
         def add(status: ItemStatus, read: str = "", reason: str = "", causes: tuple[Cause, ...] = ()) -> bool:
-            item = Item(
-                check.key, part.title, check.title, check.done, expected, read, status, reason, causes
-            )
+            item = Item(key, part, row["title"], done, expected, read, status, reason, causes)
             self.items.append(item)
             self.show(item)
             return item.is_right
 
-        lacking = [item.title for item in self.items if item.key in check.needs and not item.is_right]
-        if lacking:
+        needs = row.get("needs", "").split()
+        if lacking := [item.title for item in self.items if item.key in needs and not item.is_right]:
             return add(ItemStatus.SKIPPED, reason=f"needs: {', '.join(lacking)}")
         try:
-            finding = check.look(self)
+            finding = look(self)
         except Skip as skip:
             self.machine.safe_stop()
             return add(ItemStatus.ABSENT if skip.absent else ItemStatus.SKIPPED, reason=skip.reason)
@@ -199,7 +209,7 @@ class Checklist:
             return add(ItemStatus.SKIPPED, reason=latched.message)
         except EdmError as error:
             self.machine.safe_stop()
-            add(ItemStatus.FAIL, error.message, causes=self.causes_of(error))
+            add(ItemStatus.FAIL, error.message, causes=(likely_cause(error),))
             if isinstance(error, LinkLost):
                 raise
             if isinstance(error, MachineFault):
@@ -216,9 +226,8 @@ class Checklist:
 
     def ask(self, key: str) -> str:
         """Return an answer. Raises Skip if there is none, or if the machine is without the part."""
-        prompt = PROMPTS[key]
-        answer = self.ask_person(prompt)
-        if not answer or (prompt.options and answer not in prompt.options):
+        answer, options = self.person.ask(key), PROMPTS[key].options
+        if not answer or (options and answer not in options):
             raise Skip(f"{key}: skipped")
         if answer == "absent":
             raise Skip("the machine has none, according to the operator", absent=True)
@@ -249,3 +258,14 @@ class Checklist:
     def resting_um(self) -> float:
         """Return the displacement now; 0 without a sensor."""
         return self.mean("displacement_um") if self.setup.sensor.fitted else 0.0
+
+
+def likely_cause(error: EdmError) -> Cause:
+    """Return the likely mistake behind an error of machine or host during an item."""
+    if isinstance(error, LinkLost):
+        return mistake("line_lost")
+    if isinstance(error, MachineFault):
+        name = next((code.name for code in FaultCode if code == error.fault), "")
+        if name in DECLARED["faults"]:
+            return mistake(name)
+    return mistake("unusual", hint=error.hint or error.message)

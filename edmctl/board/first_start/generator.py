@@ -5,8 +5,15 @@ from __future__ import annotations
 from statistics import median
 from typing import Any, cast
 
-from edmctl.board.first_start import nets
-from edmctl.board.first_start.checklist import Cause, Checklist, Finding, Part, Skip, cause, wrong
+from edmctl.board.first_start.checklist import (
+    Cause,
+    Checklist,
+    Finding,
+    Skip,
+    check,
+    mistake,
+    wrong,
+)
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import MachineFault
 from edmctl.link.faults import FaultCode
@@ -41,7 +48,6 @@ OFF_SAMPLES = 10
 """Samples at the end of the self-test's half with the generator off."""
 WATCHDOG_SPARE_S = 0.1
 TOUCH_UM, TOUCH_UM_S = 4.0, 5.0
-PART = Part("generator")
 
 
 @dataclass(slots=True)
@@ -92,13 +98,7 @@ def _start_pulses(c: Checklist) -> Recording:
     return recording
 
 
-@PART.check(
-    "self-test",
-    "self-test of the gap sensor",
-    "The generator was off for 0.1 s and on for 0.2 s, tool at 0 V.",
-    f"off none; on duty x open voltage within {100.0 * OPEN_ERROR:.0f} %",
-    "range gap-rest gap-battery",
-)
+@check("self-test", share=OPEN_ERROR)
 def self_test(c: Checklist) -> Finding:
     c.allow("generator")
     recording = _configure(c, 0.0)
@@ -134,18 +134,8 @@ def is_stuck_on(share: float) -> bool:
 def self_test_cause(share: float) -> Cause:
     """Return the mistake if `share` of the expected voltage was read; the sensor has read a battery right."""
     if is_stuck_on(share):
-        text = (
-            "voltage at the gap with the generator there and its gate off: the transistor is shorted, or its driver "
-            "stuck on; switch the supply off"
-        )
-        return cause(text, nets.GATE)
-    if share < 0.5:
-        text = (
-            "the driver makes pulses, and no voltage comes to the gap: the mode switch stays at the contact circuit "
-            "(its wire is off), the supply is not enabled, or its set point is off"
-        )
-        return cause(text, nets.MODE, nets.ALIVE, nets.OPEN_VOLTAGE)
-    return cause(f"{share:.2f} of the voltage set comes: scale of the setting", nets.OPEN_VOLTAGE)
+        return mistake("gate_shorted")
+    return mistake("no_voltage") if share < 0.5 else mistake("self_test_scale", share=share)
 
 
 def _off_voltage(recording: Recording) -> str:
@@ -158,14 +148,7 @@ def _off_voltage(recording: Recording) -> str:
     return "a voltage"
 
 
-@PART.check(
-    "open-voltage",
-    "open voltage",
-    "The generator was on for 1 s.",
-    f"{GAP_PULSES.open_voltage_v:g} V within {100.0 * OPEN_ERROR:.0f} %, every pulse open, below "
-    f"{1000.0 * NO_CURRENT_A:.0f} mA",
-    "self-test",
-)
+@check("open-voltage", volts=GAP_PULSES.open_voltage_v, share=OPEN_ERROR, amperes=NO_CURRENT_A)
 def open_voltage(c: Checklist) -> Finding:
     recording = _start_pulses(c)
     c.machine.rest(SPARKLESS_S)
@@ -185,17 +168,13 @@ def open_voltage(c: Checklist) -> Finding:
     )
     causes = []
     if abs(share - 1.0) > OPEN_ERROR:
-        text = f"the open voltage is {share:.2f} of the one set: scale of the setting"
-        causes.append(cause(text, nets.OPEN_VOLTAGE))
+        causes.append(mistake("open_voltage_scale", share=share))
     if others or current_a > NO_CURRENT_A:
-        text = "current without a discharge: offset of the current sensor or of its comparator; or the tool touches"
-        causes.append(cause(text, nets.CURRENT, nets.IGNITION))
+        causes.append(mistake("current_offset"))
     return Finding(read, tuple(causes))
 
 
-@PART.check(
-    "gate-off", "gate off", "The generator was switched off.", "no pulse in a later sample", "self-test"
-)
+@check("gate-off")
 def gate_off(c: Checklist) -> Finding:
     """Times of samples are those of their ends: one and a half periods after the end no pulse is counted."""
     if "pulses" not in c.kept:
@@ -206,18 +185,10 @@ def gate_off(c: Checklist) -> Finding:
     late = int((recording.counts() * (time_s > end_s + 1.5 * period_s)).sum())
     after_ms = 1000.0 * (recording.last_pulse_s() - end_s)
     read = f"the last sample with a pulse ends {decimal(after_ms, 1)} ms after the generator, {late} pulses later"
-    if not late:
-        return Finding(read)
-    return wrong(read, "pulses go on while the gate is off: gate or driver stuck", nets.GATE)
+    return wrong(read, "gate_stuck") if late else Finding(read)
 
 
-@PART.check(
-    "watchdog",
-    "watchdog",
-    "The generator was on, and this program fell silent.",
-    f"pulses off within the watchdog's time and {WATCHDOG_SPARE_S:g} s, fault 1001",
-    "self-test",
-)
+@check("watchdog", seconds=WATCHDOG_SPARE_S)
 def watchdog(c: Checklist) -> Finding:
     recording, watchdog_s = _start_pulses(c), c.setup.controller.watchdog_s
     c.machine.rest(SPARKLESS_S / 2.0)
@@ -234,16 +205,10 @@ def watchdog(c: Checklist) -> Finding:
         c.machine.clear_fault(status.fault)
     if status.fault == FaultCode.HOST_SILENT and last_s <= watchdog_s + WATCHDOG_SPARE_S:
         return Finding(read)
-    return wrong(read, "the firmware does not stop without its host: flash the right image", "firmware")
+    return wrong(read, "host_not_watched")
 
 
-@PART.check(
-    "measure-mode",
-    "measure mode",
-    f"A touch in the air, {TOUCH_UM:g} µm far.",
-    "no contact (fault 2005), no pulse",
-    "self-test",
-)
+@check("measure-mode", um=TOUCH_UM)
 def measure_mode(c: Checklist) -> Finding:
     rest_um = c.resting_um()
     _configure(c, rest_um)
@@ -266,4 +231,4 @@ def measure_mode(c: Checklist) -> Finding:
         c.machine.clear_fault(error.fault)
         return Finding("no contact, no pulse")
     c.machine.disarm()
-    return wrong("contact in the air", "the contact closes in the air", nets.CONTACT)
+    return wrong("contact in the air", "contact_in_air")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from edmctl.board.first_start import nets
-from edmctl.board.first_start.checklist import Check, Checklist, Finding, Part, Skip, cause, wrong
-from edmctl.board.first_start.cold import COLD, GAP_ZERO_V, NETS_OF, names_of
+from functools import partial
+
+from edmctl.board.first_start.checklist import NETS, Checklist, Finding, Skip, check, mistake, wrong
+from edmctl.board.first_start.cold import GAP_ZERO_V, NETS_OF, names_of
 from edmctl.errors import MachineFault
 from edmctl.link.faults import FaultCode
 from edmctl.machine.faults import InterlockOpen
@@ -13,18 +14,12 @@ from edmctl.procedures.settings import motion_settings
 from edmctl.wording import decimal
 
 STAGE_MOVE = {Axis.X: 1000.0, Axis.Y: 1000.0, Axis.THETA: 5.0}
+"""µm, and degrees of theta."""
 SWITCHED_S = 0.3
 SAFE_UM = 20.0
-PART = Part("high voltage on, stages")
 
 
-@PART.check(
-    "supply-on",
-    "high voltage on",
-    "The supply was switched on; inputs and gap voltage were read.",
-    f"its input closes and no other changes; the gap voltage changes by less than {GAP_ZERO_V:g} V",
-    f"{COLD} monitor-rest displacement-rest",
-)
+@check("supply-on", volts=GAP_ZERO_V)
 def supply_on(c: Checklist) -> Finding:
     before, before_v = c.machine.readings().interlocks, c.mean("gap_v")
     c.allow("high-voltage")
@@ -35,38 +30,38 @@ def supply_on(c: Checklist) -> Finding:
     read = f"open inputs {names_of(after)}; gap {decimal(before_v)} V before, {decimal(after_v)} V after"
     causes = []
     if Interlock.HV_SUPPLY in after:
-        text = (
-            "the input stays open with the supply on: wire off, the supply reports a failure, or the guard of the "
-            "mode switch, which is not in the position that is set"
-        )
-        causes.append(cause(text, nets.SUPPLY_OK, nets.MODE))
+        causes.append(mistake("supply_input_open"))
     if others:
-        causes.append(cause(f"{' and '.join(others)} changed with the supply", nets.SUPPLY_OK, *others))
+        causes.append(mistake("supply_changes", *others, others=" and ".join(others)))
     if abs(after_v - before_v) >= GAP_ZERO_V:
-        text = (
-            "voltage at the gap without permission: the gate is stuck on, and the generator comes past the mode "
-            "switch; switch the supply off"
-        )
-        causes.append(cause(text, nets.GATE, nets.MODE))
+        causes.append(mistake("gap_energised"))
     return Finding(read, tuple(causes))
 
 
-@PART.check("idle", "controller idle", "The fault of the e-stop test was cleared.", "state IDLE", "supply-on")
+@check("idle")
 def idle(c: Checklist) -> Finding:
     status = c.machine.readings()
     if status.fault == FaultCode.ESTOP:
         c.machine.clear_fault(status.fault)
     status = c.machine.readings()
     read = f"state {status.state.name}, fault {status.fault or 'none'}"
-    if status.state is MachineState.IDLE:
-        return Finding(read)
-    return wrong(read, "a fault is latched that this list has not caused: `edmctl reset` shows which")
+    return Finding(read) if status.state is MachineState.IDLE else wrong(read, "fault_unknown")
 
 
 def _arm(c: Checklist) -> None:
     """Arm without pulses and without the sensor: only stages move."""
     c.machine.configure(motion_settings(c.setup, SAFE_UM, sensor_fitted=False, pulses=True))
     c.machine.arm(pulses=False)
+
+
+@check("armed-estop")
+def armed_estop(c: Checklist) -> Finding:
+    return _interlock_while_armed(c, "estop-press", "estop-release", FaultCode.ESTOP, NETS["estop"])
+
+
+@check("armed-door")
+def armed_door(c: Checklist) -> Finding:
+    return _interlock_while_armed(c, "door-open", "door-close", FaultCode.DOOR, NETS["door"])
 
 
 def _interlock_while_armed(c: Checklist, open_by: str, close_by: str, code: FaultCode, net: str) -> Finding:
@@ -78,9 +73,7 @@ def _interlock_while_armed(c: Checklist, open_by: str, close_by: str, code: Faul
         c.machine.safe_stop()
     _restore(c, close_by, status.fault)
     read = f"state {status.state.name}, fault {status.fault or 'none'}"
-    if status.fault == code:
-        return Finding(read)
-    return wrong(read, "an armed machine does not stop for it", net)
+    return Finding(read) if status.fault == code else wrong(read, "not_stopped", net)
 
 
 def _restore(c: Checklist, close_by: str, fault: int) -> None:
@@ -104,40 +97,12 @@ def _restore(c: Checklist, close_by: str, fault: int) -> None:
         raise skipped
 
 
-@PART.check(
-    "armed-estop",
-    "e-stop while armed",
-    "Armed without pulses; the e-stop was pressed and released.",
-    "fault 4001, state ESTOP",
-    "idle",
-)
-def armed_estop(c: Checklist) -> Finding:
-    return _interlock_while_armed(c, "estop-press", "estop-release", FaultCode.ESTOP, nets.ESTOP)
-
-
-@PART.check(
-    "armed-door",
-    "door while armed",
-    "Armed without pulses; the door was opened and closed.",
-    "fault 4002, state FAULT",
-    "armed-estop",
-)
-def armed_door(c: Checklist) -> Finding:
-    return _interlock_while_armed(c, "door-open", "door-close", FaultCode.DOOR, nets.DOOR)
-
-
-@PART.check("stages", "stages allowed", "The moves were asked for.", "yes", "armed-estop armed-door")
+@check("stages")
 def stages(c: Checklist) -> Finding:
     return c.allow("stages")
 
 
-@PART.check(
-    "limit",
-    "limit switches",
-    "A limit switch was held closed; a move of X by 0.1 mm was commanded.",
-    "fault 2004",
-    "idle stages",
-)
+@check("limit")
 def limit(c: Checklist) -> Finding:
     c.act("limit-close")
     _arm(c)
@@ -151,26 +116,11 @@ def limit(c: Checklist) -> Finding:
         return Finding(f"refused, fault {error.fault:d}")
     c.machine.disarm()
     c.act("limit-open")
-    text = "a stage moves with its limit switch closed: wire bridged, or contacts the wrong way round"
-    return wrong("the stage moved", text, nets.LIMITS)
+    return wrong("the stage moved", "limit_ignored")
 
 
-def _declare(axis: Axis) -> Check:
-    name = axis.name if axis is not Axis.THETA else "theta"
-    done = f"It moved by +{STAGE_MOVE[axis] / 1000.0:g} mm and back."
-    if axis is Axis.THETA:
-        done = f"It turned by +{STAGE_MOVE[axis]:g} degrees and back."
-    key = f"{axis.name.lower()}-direction"
-    return PART.check(key, f"{name} direction", done, "towards plus", "stages")(
-        lambda c: _direction(c, axis, key)
-    )
-
-
-for _axis in Axis:
-    _declare(_axis)
-
-
-def _direction(c: Checklist, axis: Axis, key: str) -> Finding:
+def _direction(c: Checklist, axis: Axis) -> Finding:
+    name = axis.name.lower()
     speed = c.setup.stage.rotary_deg_s if axis is Axis.THETA else c.setup.stage.speed_um_s
     status = c.machine.readings()
     home = {Axis.X: status.x_um, Axis.Y: status.y_um, Axis.THETA: status.theta_deg}[axis]
@@ -182,21 +132,22 @@ def _direction(c: Checklist, axis: Axis, key: str) -> Finding:
 
     move(home + STAGE_MOVE[axis])
     try:
-        answer = c.kept[key] = c.ask(key)
+        answer = c.kept[name] = c.ask(f"{name}-direction")
     except Skip:
         move(home)
         raise
     move(home)
-    step = nets.STEPS[axis]
     if answer == "plus":
         return Finding("plus")
     if answer == "minus":
-        text = "the direction is inverted: swap the motor's pair, or its input"
-        return wrong("minus", text, nets.DIRECTIONS[axis])
+        return wrong("minus", "stage_reversed", NETS[f"{name}_direction"])
     if answer == "none":
-        return wrong("none", "no steps arrive: wire off, or the drive has no supply or no enable", step)
-    if axis is Axis.Y and c.kept.get("x-direction") == "other":
+        return wrong("none", "stage_still", NETS[f"{name}_step"])
+    if axis is Axis.Y and c.kept.get("x") == "other":
         raise Skip("reported at: X direction")
-    exchanged = {Axis.X: [nets.STEPS[Axis.Y]], Axis.Y: [nets.STEPS[Axis.X]]}.get(axis, [])
-    text = "the steps go to the drive of another axis: exchanged"
-    return wrong("another axis", text, step, *exchanged)
+    exchanged = {Axis.X: [NETS["y_step"]], Axis.Y: [NETS["x_step"]]}.get(axis, [])
+    return wrong("another axis", "stages_exchanged", NETS[f"{name}_step"], *exchanged)
+
+
+for _axis in Axis:
+    check(f"{_axis.name.lower()}-direction")(partial(_direction, axis=_axis))
