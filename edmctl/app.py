@@ -38,7 +38,7 @@ _COMMANDS = {
 }
 _GROUPS = {
     "simulate": "cli.commands.simulate:app",
-    "firmware": "board.commands:app",
+    "firmware": "board.commands.firmware:app",
     "profile": "cli.commands.profile:app",
     "run": "cli.commands.run:app",
     "study": "study.commands:app",

@@ -2186,13 +2186,19 @@ def controller_busy(*, port: object, state: object) -> PreconditionError:
     )
 
 
-def high_voltage_unconfirmed(*, remedy: object) -> PreconditionError:
-    return PreconditionError("Nobody has said that the high voltage is off.", hint=f"{remedy}", code="E8124")
-
-
-def high_voltage_on(*, remedy: object) -> PreconditionError:
+def high_voltage_unconfirmed() -> PreconditionError:
     return PreconditionError(
-        "The high voltage may be on; nothing was written.", hint=f"{remedy}", code="E8124"
+        "Nobody has said that the high voltage is off.",
+        hint="Switch it off, see that its meter shows nothing, and flash again with --yes-high-voltage-is-off.",
+        code="E8124",
+    )
+
+
+def high_voltage_on() -> PreconditionError:
+    return PreconditionError(
+        "The high voltage may be on; nothing was written.",
+        hint="Switch it off, see that its meter shows nothing, and flash again with --yes-high-voltage-is-off.",
+        code="E8124",
     )
 
 

@@ -1,0 +1,268 @@
+"""`edmctl firmware`: build it for virtual machines and boards, inspect images and boards, flash."""
+
+import os
+import shlex
+import stat
+import sys
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+from edmctl import failures
+from edmctl.cli import completion
+from edmctl.cli.options import (
+    NOTES,
+    RESULT,
+    SetupOption,
+    WaitOption,
+    argument,
+    command,
+    command_group,
+    option,
+)
+from edmctl.cli.outcome import Outcome, Output, mutter, tell
+from edmctl.cli.signals import shell
+from edmctl.files import user_path
+
+if TYPE_CHECKING:
+    from edmctl.core.boards import Board
+
+BoardOption = Annotated[
+    str | None,
+    option(
+        "--board host|stm32f4",
+        "What to build for: this computer's virtual machines, or a board. Default: host.",
+    ),
+]
+CompilerOption = Annotated[
+    str | None,
+    option(
+        "--compiler zig|gcc",
+        "Default: zig (the package ziglang), else arm-none-eabi-gcc; of the host CC, the system's, or zig.",
+    ),
+]
+OutputOption = Annotated[
+    Path | None, option("--output -o FILE|FOLDER", "ELF, with BIN beside it. Default: edmctl-BOARD.elf.")
+]
+RealOption = Annotated[
+    str | None, option("--real double|float", "Arithmetic of the library of the host. Default: both.")
+]
+SetOption = Annotated[
+    list[str] | None,
+    option("--set NAME=VALUE", "Of a board: a range, step or limit of your machine. May be repeated."),
+]
+WhatArgument = Annotated[
+    str,
+    argument("FILE|PORT", "An image (ELF or BIN), or the port of a board.", autocompletion=completion.ports),
+]
+ImageArgument: TypeAlias = Annotated[Path, argument("FILE", "Image of a board: ELF or BIN.")]
+BoardPortArgument: TypeAlias = Annotated[
+    str,
+    argument(
+        "PORT",
+        "Where the board is: a serial port, socket://HOST:PORT, serial:ID or auto.",
+        autocompletion=completion.ports,
+    ),
+]
+ToolOption = Annotated[
+    str | None, option("--tool pyocd|openocd", "Default: the first of them that is installed.")
+]
+ProbeOption = Annotated[str | None, option("--probe ID", "Serial number of the ST-LINK.")]
+FlashPortOption = Annotated[
+    str | None,
+    option(
+        "--port PORT",
+        "Where the board is asked whether a job runs, and afterwards who it is.",
+        autocompletion=completion.ports,
+        show_default=False,
+    ),
+]
+OffOption = Annotated[
+    bool, option("--yes-high-voltage-is-off", "Do not ask whether the high voltage is off: it is.")
+]
+_ANSWER = "off"
+
+app = command_group("Build the firmware, look at it and flash it.")
+
+
+@app.command()
+@command("firmware build", RESULT)
+def build(
+    outcome: Outcome,
+    board: BoardOption = None,
+    compiler: CompilerOption = None,
+    output: OutputOption = None,
+    real: RealOption = None,
+    settings: SetOption = None,
+) -> None:
+    """Build the image of a board, or the firmware's core as a library for virtual machines.
+
+    The image is written as ELF and BIN, with its size and a check inside. The package ziglang includes all that is
+    needed. --set gives the ranges of your circuits, as in --set gap_full_v=331.2; the image states them.
+
+    The library is built if it is missing, with the C compiler in CC, the system's, or that of the package ziglang.
+    It is kept in the user's cache folder or in EDMCTL_FIRMWARE_CACHE. Jobs build by themselves what they need.
+    """
+    from dataclasses import asdict
+
+    from edmctl.board.board_build import COMPILERS, SUFFIXES, build_board
+    from edmctl.board.commands.tables import render_image
+    from edmctl.core.boards import BOARDS, HOST
+    from edmctl.core.build import REALS, ZIG, built
+
+    if board not in (None, HOST, *BOARDS):
+        raise failures.board_unknown(board=board, boards=", ".join((HOST, *BOARDS)))
+    if compiler not in (None, *COMPILERS):
+        raise failures.compiler_unknown(compiler=compiler, compilers=" or ".join(COMPILERS))
+    if real is not None and real not in REALS:
+        raise failures.arithmetic_unknown(real=real, reals=" or ".join(REALS))
+    if board in (None, HOST):
+        if output is not None:
+            raise failures.output_without_board()
+        if settings:
+            raise failures.setting_without_board()
+        named = {None: {}, "zig": {"CC": shlex.join(ZIG)}, "gcc": {"CC": "gcc"}}[compiler]
+        builds = [built(kind, {**os.environ, **named}) for kind in REALS if real in (None, kind)]
+        outcome.result = {"builds": [{**asdict(library), "path": str(library.path)} for library in builds]}
+        outcome.text = "\n".join(
+            f"{library.real}: {library.path}, {'built now' if library.is_new else 'built before'} by "
+            f"{library.compiler}"
+            for library in builds
+        )
+        return
+    if real is not None:
+        raise failures.real_with_board()
+    place = output or Path(f"edmctl-{board}.elf")
+    if place.is_dir():
+        place /= f"edmctl-{board}.elf"
+    if place.suffix not in ("", *SUFFIXES):
+        raise failures.image_ending_unknown(place=place, suffixes=", ".join(SUFFIXES))
+    made = build_board(BOARDS[str(board)], place, compiler, settings=settings or [])
+    files = {"elf": str(made.elf), "bin": str(made.bin)}
+    outcome.result = {**made.image.as_mapping(), "files": files, "compiler": made.compiler}
+    outcome.show(lambda style: render_image(made.image, style))
+    outcome.text = f"\nBuilt by {made.compiler}: {', '.join(files.values())}"
+
+
+@app.command()
+@command("firmware info", NOTES)
+def info(outcome: Outcome, what: WhatArgument, setup: SetupOption = None, wait: WaitOption = 0.0) -> None:
+    """Show what an image contains, or what runs on a board.
+
+    No session is opened, so a job on the board continues.
+    """
+    from edmctl.board.board_firmware import board_at, image_warnings
+    from edmctl.board.commands.tables import render_board, render_image
+    from edmctl.board.image import read_image
+    from edmctl.profile.setup import load_setup
+
+    if _is_file(what):
+        image = read_image(user_path(what))
+        outcome.warn(image_warnings(image))
+        outcome.result = {"image": image.as_mapping(), "board": None}
+        outcome.show(lambda style: render_image(image, style))
+        return
+    board = board_at(what, load_setup(setup), wait, partial(tell, outcome.output), shell().environ)
+    outcome.simulated = board.is_simulated
+    outcome.result = {"image": None, "board": board.as_mapping()}
+    outcome.text = render_board(board)
+
+
+def _is_file(what: str) -> bool:
+    """Return whether it is an image: an existing file, or a name with the ending of one."""
+    if "://" in what:
+        return False
+    with suppress(OSError, ValueError):
+        return not stat.S_ISCHR(user_path(what).stat().st_mode)
+    return user_path(what).suffix.lower() in (".elf", ".bin")
+
+
+@app.command()
+@command("firmware verify", NOTES)
+def verify(
+    outcome: Outcome,
+    image: ImageArgument,
+    port: BoardPortArgument,
+    setup: SetupOption = None,
+    wait: WaitOption = 0.0,
+) -> None:
+    """Compare board, schema and version of an image with those of a connected board.
+
+    No session is opened, so a job on the board continues. Bytes of the flash and --set values are not compared;
+    `edmctl firmware flash` reads the flash back.
+    """
+    from dataclasses import asdict
+
+    from edmctl.board.board_firmware import board_at, compared, mismatch, settings_not_compared
+    from edmctl.board.image import read_image
+    from edmctl.cli.render.procedure_tables import render_checks
+    from edmctl.profile.setup import load_setup
+
+    read = read_image(image)
+    board = board_at(port, load_setup(setup), wait, partial(tell, outcome.output), shell().environ)
+    outcome.simulated = board.is_simulated
+    checks = [*compared(read, board), settings_not_compared(read, board.port)]
+    outcome.result = {
+        "image": read.as_mapping(),
+        "board": board.as_mapping(),
+        "checks": [{**asdict(check), "status": check.status.value} for check in checks],
+    }
+    outcome.show(lambda style: render_checks(checks, style))
+    if error := mismatch(read, board, checks):
+        raise error
+
+
+@app.command()
+@command("firmware flash", NOTES)
+def flash(
+    outcome: Outcome,
+    image: ImageArgument,
+    tool: ToolOption = None,
+    probe: ProbeOption = None,
+    port: FlashPortOption = None,
+    high_voltage_is_off: OffOption = False,
+    setup: SetupOption = None,
+    wait: WaitOption = 0.0,
+) -> None:
+    """Flash a board, read it back, and start it.
+
+    The high voltage has to be off: a board that is flashed guards nothing. With --port a job that runs there is
+    refused, the port is held meanwhile, and the board is asked afterwards who it is.
+    """
+    from edmctl.board.board_firmware import Flashing, flash_board, image_warnings
+    from edmctl.board.image import read_image
+    from edmctl.board.settings import settings_text
+    from edmctl.profile.setup import load_setup
+
+    read = read_image(image)
+    outcome.warn(image_warnings(read))
+    settings = f"Settings of the image: {settings_text(read.settings)}.\n"
+    job = Flashing(read, tool, probe, port, wait)
+    confirm = partial(_confirm, outcome.output, settings, is_off=high_voltage_is_off)
+    try:
+        flash_board(job, load_setup(setup), partial(tell, outcome.output), shell().environ, confirm)
+    finally:
+        outcome.result = job.as_mapping()
+        if job.tool is not None:
+            size = len(read.data)
+            outcome.text = (
+                f"{settings}{read.board_name}: {size} bytes written by {job.tool}, read back; started."
+            )
+        if job.after is not None:
+            serial = f" ({job.after.serial})" if job.after.serial else ""
+            outcome.text += f"\nThe board at {job.after.port}{serial} answers."
+
+
+def _confirm(output: Output, settings: str, board: "Board", *, is_off: bool) -> None:
+    """Ask whether the high voltage is off. Raises PreconditionError E8124 if it is not."""
+    if is_off:
+        return
+    if output.json or not (sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()):
+        raise failures.high_voltage_unconfirmed()
+    mutter(
+        f"While {board.title} is flashed nothing guards the machine, and its outputs float.\n{settings}"
+        f"Is the high voltage off, by its switch and by its meter? Type `{_ANSWER}` to flash: "
+    )
+    if sys.stdin.readline().strip() != _ANSWER:
+        raise failures.high_voltage_on()
