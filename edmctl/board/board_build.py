@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -14,7 +13,7 @@ from edmctl import failures
 from edmctl.board.image import Image, read_image, seal
 from edmctl.board.settings import flags_of, parse_settings, settings_of
 from edmctl.core.boards import Board
-from edmctl.core.build import complaint, files_in, run_compiler, source_folder, version_of
+from edmctl.core.build import CompilerFailed, files_in, run_compiler, source_folder, version_of
 from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError, installing
 
@@ -106,9 +105,11 @@ def build_board(
             linked = Path(work) / "image.elf"
             files = map(str, sources_of(board, folder))
             compiling = [*tools.command, *tools.flags, *flags, *tools.linking(script)]
-            _run([*compiling, *files, *tools.libraries, "-o", str(linked)])
             try:
+                run_compiler([*compiling, *files, *tools.libraries, "-o", str(linked)])
                 sealed = seal(linked.read_bytes())
+            except CompilerFailed as error:
+                raise failures.image_not_built(reason=error) from error
             except ValueError as error:
                 raise failures.image_not_built(reason=f"what was linked is not an image: {error}.") from error
         elf.write_bytes(sealed)
@@ -148,12 +149,3 @@ def toolchain(board: Board, named: str | None) -> Toolchain:
 def sources_of(board: Board, folder: Path) -> list[Path]:
     """Return the files of an image in the folder of the firmware."""
     return [file for part in board.folders for file in files_in(folder / part, "*.c")]
-
-
-def _run(command: list[str]) -> None:
-    try:
-        done = run_compiler(command)
-    except (OSError, subprocess.SubprocessError) as error:
-        raise failures.image_not_built(reason=f"{error}.") from error
-    if done.returncode:
-        raise failures.image_not_built(reason=complaint(done))

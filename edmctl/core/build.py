@@ -220,49 +220,60 @@ def compiler(named: str = "") -> tuple[str, ...]:
 
 @cache
 def version_of(command: tuple[str, ...]) -> str:
+    """Return the first line of a compiler's version. Raises PreconditionError E8093."""
     try:
-        done = run_compiler([*command, "--version"])
-        done.check_returncode()
-    except (OSError, subprocess.SubprocessError) as error:
-        raise failures.compiler_does_not_run(command=shlex.join(command), error=_reason(error)) from error
-    return next(iter(done.stdout.splitlines()), "").strip()
+        return next(iter(run_compiler([*command, "--version"]).splitlines()), "").strip()
+    except CompilerFailed as error:
+        raise failures.compiler_does_not_run(command=shlex.join(command), error=error) from error
 
 
-def run_compiler(command: Sequence[str]) -> subprocess.CompletedProcess[str]:
-    """Run a compiler. Raises OSError if it does not start, subprocess.TimeoutExpired."""
-    return subprocess.run(
-        command,
-        env=compiler_environment(os.environ),
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        encoding="utf-8",
-        errors="replace",
-        timeout=_SECONDS,
-        check=False,
-    )
+class CompilerFailed(Exception):
+    """A compiler does not run or does not compile; the text is the beginning of its output, or how it ended."""
+
+
+def run_compiler(command: Sequence[str]) -> str:
+    """Run a compiler and return its output. Raises CompilerFailed."""
+    try:
+        done = subprocess.run(
+            command,
+            env=compiler_environment(os.environ),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=_SECONDS,
+            check=False,
+        )
+    except OSError as error:
+        raise CompilerFailed(error.strerror or str(error)) from error
+    except subprocess.TimeoutExpired as error:
+        raise CompilerFailed(f"it is not done after {_SECONDS} s") from error
+    code = done.returncode
+    if code:
+        ending = f"it ends with exit code {code}" if code > 0 else f"it was killed by signal {-code}"
+        raise CompilerFailed("\n".join(done.stderr.splitlines()[:10]).strip() or ending)
+    return done.stdout
 
 
 def _compile(command: list[str], library: Path) -> None:
     """Build beside the place of the library and move it there: whoever loads it finds a whole one or none."""
     try:
         library.parent.mkdir(parents=True, exist_ok=True)
-        for left in library.parent.glob("building-*"):
+        for folder in library.parent.glob("building-*"):
             with suppress(OSError):
-                if left.stat().st_mtime < time.time() - 3600.0:  # its process died
-                    shutil.rmtree(left, ignore_errors=True)
-        folder_made = tempfile.TemporaryDirectory(dir=library.parent, prefix="building-")
+                if folder.stat().st_mtime < time.time() - 3600.0:  # its process died
+                    shutil.rmtree(folder, ignore_errors=True)
+        building = tempfile.TemporaryDirectory(dir=library.parent, prefix="building-")
     except OSError as error:
         raise failures.library_not_kept(
             parent=library.parent, reason=error.strerror, cache_variable=CACHE_VARIABLE
         ) from error
     try:
-        with folder_made as folder:
-            made = Path(folder) / library.name
-            done = run_compiler([*command, "-o", str(made)])
-            if done.returncode:
-                raise failed(complaint(done))
+        with building as work:
+            made = Path(work) / library.name
+            run_compiler([*command, "-o", str(made)])
             if not made.is_file():
-                raise failed(f"{shlex.join(command[:1])} made no library.")
+                raise CompilerFailed(f"{shlex.join(command[:1])} made no library")
             hash_file(made).write_bytes(_hash_line(library, read_bytes(made, RECORD_BYTES)))
             for file in (made, hash_file(made)):
                 with suppress(OSError):  # a system that syncs no file that is open for reading
@@ -270,30 +281,10 @@ def _compile(command: list[str], library: Path) -> None:
             with suppress(FileExistsError, PermissionError):  # on Windows, another process uses the one there
                 made.replace(library)
                 hash_file(made).replace(hash_file(library))
-    except (OSError, subprocess.SubprocessError) as error:
-        raise failed(f"{_reason(error)}.") from error
-
-
-def complaint(done: subprocess.CompletedProcess[str]) -> str:
-    """Return the first lines of what a compiler that failed has written, or how it ended."""
-    said = "\n".join(done.stderr.splitlines()[:10]).strip()
-    return said or f"{done.args[0]} {_ending(done.returncode)}."
-
-
-def _reason(error: OSError | subprocess.SubprocessError) -> str:
-    """Why a program did not run or did not come to its end, in words."""
-    if isinstance(error, subprocess.CalledProcessError):
-        return f"with --version it {_ending(error.returncode)}"
-    if isinstance(error, subprocess.TimeoutExpired):
-        return f"it is not done after {_SECONDS} s"
-    return str(getattr(error, "strerror", None) or error)
-
-
-def _ending(code: int) -> str:
-    """Return how a program ended: its exit code, or the signal that killed it."""
-    return f"ends with exit code {code}" if code >= 0 else f"was killed by signal {-code}"
+    except (OSError, CompilerFailed) as error:
+        raise failed(f"{getattr(error, 'strerror', None) or error}.") from error
 
 
 def failed(reason: str) -> PreconditionError:
-    """The error E8094 of a library that cannot be built or loaded."""
+    """Return the error E8094 of a library that cannot be built or loaded."""
     return failures.library_not_built(reason=reason, cache_variable=CACHE_VARIABLE)

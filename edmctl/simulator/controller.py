@@ -10,7 +10,7 @@ import math
 import struct
 from collections.abc import Callable
 from copy import deepcopy
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -19,13 +19,13 @@ from edmctl.link.faults import FaultCode
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import ResetCause, State, Tlm
 from edmctl.link.transport import MergedTlm
-from edmctl.simulator.injection import Trigger
-from edmctl.simulator.injector import NEVER, Injector
+from edmctl.simulator.injection import NEVER, Injector, Trigger
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_NS, TICK_S
 from edmctl.simulator.unit import BLOCK
 from edmctl.simulator.waveforms import Waveforms
 
+T = TypeVar("T")
 _INPUTS = struct.Struct(
     "=" + "".join("q" if kind is ctypes.c_int64 else "d" for _, kind, *_ in Inputs._fields_)
 )
@@ -34,6 +34,16 @@ FRAME_TICKS = 100
 ANSWERS_PER_TICK = 100
 MOST_AT_ONCE = 4096
 """Bytes that the core gets at once: the answers to them fit into its memory."""
+
+
+class _seen(Generic[T]):
+    """A value of the core's record as an attribute of its controller."""
+
+    def __init__(self, name: str, kind: Callable[[Any], T]) -> None:
+        self._name, self._kind = name, kind
+
+    def __get__(self, controller: Controller, _: object) -> T:
+        return self._kind(getattr(controller.seen, self._name))
 
 
 class SampleLine:
@@ -218,10 +228,6 @@ class Controller:
         return self.plant.readings.tick
 
     @property
-    def boot_tick(self) -> int:
-        return self.seen.boot_tick
-
-    @property
     def time_us(self) -> int:
         return (self.tick - self.boot_tick) * TICK_NS // 1000
 
@@ -230,40 +236,18 @@ class Controller:
         return State(self.seen.state)
 
     @property
-    def armed(self) -> bool:
-        return bool(self.seen.armed)
-
-    @property
-    def fault(self) -> int:
-        return self.seen.fault
-
-    @property
-    def boot_count(self) -> int:
-        return self.seen.boot_count
-
-    @property
-    def urgent(self) -> bool:
-        return bool(self.seen.urgent)
-
-    @property
-    def due(self) -> bool:
-        return bool(self.seen.due)
-
-    @property
     def greeting(self) -> bool:
         return bool(self.driven and self.seen.urgent and not self.seen.advanced)
 
-    @property
-    def rx_bad(self) -> int:
-        return self.seen.rx_bad
-
-    @property
-    def rx_drop(self) -> int:
-        return self.seen.rx_drop
-
-    @property
-    def rx_frames(self) -> int:
-        return self.seen.rx_frames
+    boot_tick = _seen("boot_tick", int)
+    boot_count = _seen("boot_count", int)
+    armed = _seen("armed", bool)
+    fault = _seen("fault", int)
+    urgent = _seen("urgent", bool)
+    due = _seen("due", bool)
+    rx_bad = _seen("rx_bad", int)
+    rx_drop = _seen("rx_drop", int)
+    rx_frames = _seen("rx_frames", int)
 
     def count_from(self, time_us: int, event_no: int, boot_count: int, frames: int, pulse_no: int) -> None:
         self._library.count_from(
@@ -392,17 +376,8 @@ class Controller:
             head = Merged.from_buffer_copy(data, at)
             at += ctypes.sizeof(Merged)
             end = at + head.samples * Tlm.record_dtype().itemsize
-            self._samples.append(
-                MergedTlm(
-                    head.counter,
-                    head.t0_us,
-                    head.period_us,
-                    head.samples,
-                    head.dropped,
-                    data[at:end],
-                    head.frames,
-                )
-            )
+            heads = head.counter, head.t0_us, head.period_us, head.samples, head.dropped
+            self._samples.append(MergedTlm(*heads, data[at:end], head.frames))
             at = end
 
     def last_samples(self) -> bytes:
@@ -431,17 +406,8 @@ class Controller:
     def __deepcopy__(self, memo: dict[int, object]) -> Controller:
         twin = object.__new__(type(self))
         memo[id(self)] = twin
-        here = {
-            "_library",
-            "_memory",
-            "_at",
-            "_inputs_at",
-            "seen",
-            "loop",
-            "parameters",
-            "black_box",
-            "_callbacks",
-        }
+        here = {"_library", "_memory", "_at", "_inputs_at", "_callbacks"}
+        here |= {"seen", "loop", "parameters", "black_box"}
         twin._library = self._library
         twin._memory = type(self._memory).from_buffer_copy(self._memory)
         for name, value in vars(self).items():

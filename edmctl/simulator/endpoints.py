@@ -29,35 +29,26 @@ _MOST_READ = 65536
 
 
 class Endpoint(Protocol):
-    """One end of a line, with at most one client at a time. Nothing here blocks."""
+    """One end of a line, with at most one client at a time. Nothing here blocks.
 
-    @property
-    def name(self) -> str:
-        """What a client has to be told."""
+    name : what a client opens. descriptors : what to wait on for `receive`, which returns b"" if nothing came.
+    transmit : returns the number of bytes that the line took. heard : the client has sent a valid frame.
+    """
 
-    def descriptors(self) -> list[int]:
-        """What to wait on for `receive`."""
+    name: str
 
-    def receive(self) -> bytes:
-        """Return what has come, b"" where nothing has."""
-
-    def transmit(self, data: bytes) -> int:
-        """Send what the line takes; the number of bytes that it took."""
-
-    def heard(self) -> None:
-        """The client has sent a valid frame."""
-
-    def has_client(self) -> bool:
-        """Whether somebody is connected, as far as can be told."""
-
-    def close(self) -> None:
-        """Take the endpoint away."""
+    def descriptors(self) -> list[int]: ...
+    def receive(self) -> bytes: ...
+    def transmit(self, data: bytes) -> int: ...
+    def heard(self) -> None: ...
+    def has_client(self) -> bool: ...
+    def close(self) -> None: ...
 
 
 class PtyEndpoint:
     """A pseudo-terminal; clients open `link`, a symbolic link to it, as they open a serial port.
 
-    Raises LinkLost E4021 where `link` is something else already.
+    Raises LinkLost E4021 if `link` is something else already.
     """
 
     def __init__(self, link: Path | None = None) -> None:
@@ -67,17 +58,17 @@ class PtyEndpoint:
         os.set_blocking(self._ours, False)
         self.device = os.ttyname(self._theirs)
         self._link = link
+        self.name = str(link or self.device)
+        if link is None:
+            return
         try:
-            if link is not None:
-                _publish(link, self.device)
-        except BaseException:
+            if link.is_symlink() and (not link.exists() or link.readlink() == Path(self.device)):
+                link.unlink()  # of a dead server: it leads nowhere, or to this very device
+            link.symlink_to(self.device)
+        except OSError as error:
             os.close(self._ours)
             os.close(self._theirs)
-            raise
-
-    @property
-    def name(self) -> str:
-        return str(self._link or self.device)
+            raise failures.link_cannot_be_made(link=link, reason=error.strerror) from error
 
     def descriptors(self) -> list[int]:
         return [self._ours]
@@ -98,10 +89,10 @@ class PtyEndpoint:
             return 0
 
     def heard(self) -> None:
-        """Do nothing: a terminal has whoever opens it."""
+        """Do nothing: whoever opens a terminal has it."""
 
     def has_client(self) -> bool:
-        """Whether somebody has the device open: a terminal that nobody holds reports that it was hung up."""
+        """Return whether somebody has the device open: one that nobody holds reports that it was hung up."""
         os.close(self._theirs)
         try:
             poll = select.poll()
@@ -127,16 +118,6 @@ class PtyEndpoint:
                 os.close(number)
 
 
-def _publish(link: Path, device: str) -> None:
-    """Make the link in the place of none, or of a dead server's, which leads nowhere or to this very device."""
-    try:
-        if link.is_symlink() and (not link.exists() or link.readlink() == Path(device)):
-            link.unlink()
-        link.symlink_to(device)
-    except OSError as error:
-        raise failures.link_cannot_be_made(link=link, reason=error.strerror) from error
-
-
 @dataclass(slots=True)
 class _AtGate:
     """Somebody who was asked for the secret."""
@@ -145,7 +126,7 @@ class _AtGate:
     address: str
     number: bytes
     since_s: float
-    said: bytes = b""
+    received: bytes = b""
 
 
 class SocketEndpoint:
@@ -174,11 +155,7 @@ class SocketEndpoint:
         self._listener.setblocking(False)
         address = self._listener.getsockname()
         shown = f"[{address[0]}]" if ":" in address[0] else address[0]
-        self._name = f"socket://{shown}:{address[1]}"
-
-    @property
-    def name(self) -> str:
-        return self._name
+        self.name = f"socket://{shown}:{address[1]}"
 
     def descriptors(self) -> list[int]:
         """The listener, whoever is asked for the secret, and the client where there is one."""
@@ -190,10 +167,12 @@ class SocketEndpoint:
 
     def receive(self) -> bytes:
         """Take clients or turn them away; return what the present one has sent."""
-        data = self._received()  # a client that has gone keeps nobody out
+        data = None if self._client is None else _received(self._client, _MOST_READ)
+        if data == b"":  # gone: it must not keep others out
+            self._drop_client()
         self._accept()
         self._look_at_gate()
-        return data
+        return data or b""
 
     def transmit(self, data: bytes) -> int:
         """Send as much as the socket takes; without a client all of it goes nowhere."""
@@ -217,14 +196,6 @@ class SocketEndpoint:
         self._at_gate.clear()
         self._listener.close()
 
-    def _received(self) -> bytes:
-        if self._client is None:
-            return b""
-        data = _said_by(self._client, _MOST_READ)
-        if data == b"":
-            self._drop_client()
-        return data or b""
-
     def _accept(self) -> None:
         for _ in range(_MOST_A_TURN):
             try:
@@ -240,7 +211,7 @@ class SocketEndpoint:
                     oldest = self._at_gate.pop(0)
                     self._turn_away(oldest.client, oldest.address, gate.REFUSED)
                 number = secrets.token_hex(16).encode()
-                _tell(client, gate.line_of(gate.CHALLENGE, number))
+                _send(client, gate.line_of(gate.CHALLENGE, number))
                 self._at_gate.append(_AtGate(client, address, number, monotonic()))
             else:
                 self._take(client, address)
@@ -250,20 +221,20 @@ class SocketEndpoint:
 
     def _look_at_gate(self) -> None:
         for waiting in tuple(self._at_gate):
-            more = _said_by(waiting.client, gate.LONGEST_LINE)
-            waiting.said += more or b""
+            more = _received(waiting.client, gate.LONGEST_LINE)
+            waiting.received += more or b""
             is_over = more == b"" or monotonic() - waiting.since_s > GATE_S
-            if b"\n" not in waiting.said and len(waiting.said) < gate.LONGEST_LINE and not is_over:
+            if b"\n" not in waiting.received and len(waiting.received) < gate.LONGEST_LINE and not is_over:
                 continue
             self._at_gate.remove(waiting)
-            said = gate.words_of(waiting.said.partition(b"\n")[0])
-            wanted = gate.answer_to(waiting.number, self._secret)
-            if len(said) != 2 or said[0] != gate.ANSWER or not hmac.compare_digest(said[1], wanted):
+            answer = gate.words_of(waiting.received.partition(b"\n")[0])
+            right = gate.answer_to(waiting.number, self._secret)
+            if len(answer) != 2 or answer[0] != gate.ANSWER or not hmac.compare_digest(answer[1], right):
                 self._turn_away(waiting.client, waiting.address, gate.REFUSED)
             elif self._is_busy():
                 self._turn_away(waiting.client, waiting.address, gate.BUSY)
             else:
-                _tell(waiting.client, gate.line_of(gate.READY))
+                _send(waiting.client, gate.line_of(gate.READY))
                 self._take(waiting.client, waiting.address)
 
     def _take(self, client: socket.socket, address: str) -> None:
@@ -275,13 +246,13 @@ class SocketEndpoint:
         self.heard()
 
     def _turn_away(self, client: socket.socket, address: str, why: bytes) -> None:
-        _tell(client, gate.line_of(why))
+        _send(client, gate.line_of(why))
         client.close()
         self._turned_away += 1
-        # Told by name whenever their number has doubled: nobody shall fill a log from outside.
+        # Reported whenever their number has doubled: a log cannot be filled from outside.
         if self._turned_away & (self._turned_away - 1) == 0:
-            told = "busy" if why == gate.BUSY else "without the secret"
-            self._say(f"turned away {address} ({told}), {self._turned_away} in all")
+            reason = "busy" if why == gate.BUSY else "without the secret"
+            self._say(f"turned away {address} ({reason}), {self._turned_away} in all")
 
     def _drop_client(self) -> None:
         if self._client is not None:
@@ -303,8 +274,8 @@ def is_loopback(address: str) -> bool:
     return ip_address(address.partition("%")[0]).is_loopback
 
 
-def _said_by(client: socket.socket, most: int) -> bytes | None:
-    """What a client has sent: None where nothing has come, b"" where it is gone."""
+def _received(client: socket.socket, most: int) -> bytes | None:
+    """Return what a client has sent; None if nothing has come, b"" if it is gone."""
     try:
         return client.recv(most)
     except BlockingIOError:
@@ -313,7 +284,7 @@ def _said_by(client: socket.socket, most: int) -> bytes | None:
         return b""
 
 
-def _tell(client: socket.socket, line: bytes) -> None:
+def _send(client: socket.socket, line: bytes) -> None:
     """Send a line to somebody who may be gone; it fits into any socket's buffer."""
     with suppress(OSError):
         client.send(line)

@@ -1,14 +1,118 @@
-"""Faults that can be brought about on the virtual machine: names, times, and what a bad line does."""
+"""Faults that can be injected into the virtual machine: names, times and effects, and what a bad line does."""
 
 from __future__ import annotations
 
 import math
+import re
 from enum import Enum
 from random import Random
+from typing import Any
 
+from edmctl.core.library import PACK
 from edmctl.dataclasses import dataclass
 from edmctl.link.faults import FAULTS
-from edmctl.link.messages import Advance
+from edmctl.link.messages import Advance, ResetCause, State
+from edmctl.simulator.plant_interface import TICK_S
+from edmctl.simulator.plant_state import STUCK_AT_CONTACT, STUCK_AT_GENERATOR
+
+HUGE = 1e12
+BATTERY_V, LOW_BATTERY_V = 9.0, 4.5
+WEAR_FACTOR = 5.0
+DRIFT_UM_S = 5.0
+ABORT_ZEROS = 32
+CHIPS = ("CHIP", "LOOSE_CHIP")
+USUAL_CHIP_UM = 8.0
+NEVER = 1 << 62
+LOOK_TICKS = 10
+"""An injection that waits for sparks checks this often whether the servo runs, ms."""
+DAMAGE_SEED = 1
+_ADVANCE = bytes([Advance.ID])
+_NUMBER = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:E[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+_WHEN = re.compile(rf"(?:(arm|touch|sparks)(\d*)\+)?({_NUMBER.pattern})", re.ASCII | re.IGNORECASE)
+_SPARK = "sparks+1"
+
+_Change = tuple[str, str, float]
+"""Part of the machine, its attribute, and the value."""
+
+INJECTIONS: dict[str, tuple[str, tuple[_Change, ...]]] = {
+    "SILENCE": (_SPARK, (("line", "silent", True),)),
+    "UNPLUG": (_SPARK, (("line", "unplugged", True),)),
+    "LINE_NOISE": (_SPARK, (("line", "noise", 0.5),)),
+    "ABORT_RUN": (_SPARK, ()),
+    "ACTUATOR_WEAK": (_SPARK, (("unit", "stroke_share", 0.5),)),
+    "AMPLIFIER_DEAD": (_SPARK, (("unit", "amplifier_gain", 0.0),)),
+    "MONITOR_HIGH": (_SPARK, (("unit", "monitor_gain", 0.0), ("unit", "monitor_zero_v", 160.0))),
+    "STAGE_LIMIT": ("arm+0", (("plant", "limit_switch", True),)),
+    "TOOL_LOST": (_SPARK, (("plant", "tool_lost_um", 1e4),)),
+    "STUCK_CONTACT": ("touch+0.2", (("state", "asperity_um", HUGE),)),
+    "OBSTACLE": ("arm+0", (("plant", "obstacle_um", 20.0),)),
+    # Asperities so high that they touch at any gap: every pulse is a short, and the contact is closed.
+    "WIRE_SHORT": (_SPARK, (("unit", "gap_closed_um", HUGE), ("state", "asperity_um", HUGE))),
+    # A spot that ignites at once at any gap, and always as an arc.
+    "CARBON": (_SPARK, (("unit", "arc_base", HUGE), ("unit", "tau_reference_us", 0.0))),
+    "GAP_SENSOR_HIGH": (_SPARK, ()),
+    "GAP_SENSOR_LOW": ("arm+0", (("unit", "gap_stuck_v", 0.0),)),
+    "GENERATOR_LEAK": (_SPARK, (("unit", "off_time_a", 0.05),)),
+    "OVER_CURRENT": (_SPARK, (("plant", "current_factor", 3.0),)),
+    "MODE_SWITCH": ("touch+0.2", (("unit", "stray_pulses", 1),)),
+    "ESTOP": (_SPARK, (("plant", "estop", True),)),
+    "DOOR": (_SPARK, (("plant", "door_open", True),)),
+    "DIELECTRIC_LEVEL": (_SPARK, (("plant", "dielectric_level_ok", False),)),
+    "DIELECTRIC_FLOW": (_SPARK, (("plant", "dielectric_flow_lpm", 0.0),)),
+    "DIELECTRIC_HOT": (_SPARK, (("plant", "dielectric_temperature_c", 60.0),)),
+    "HV_SUPPLY": (_SPARK, (("plant", "hv_supply_ok", False),)),
+    "WATCHDOG": (_SPARK, ()),
+    "BROWN_OUT": (_SPARK, ()),
+    "POWER_LOSS": (_SPARK, ()),
+    "SAMPLES_LOST": (_SPARK, (("telemetry", "lost", True),)),
+    "SAMPLES_FROZEN": (_SPARK, (("telemetry", "frozen", True),)),
+    "SENSOR_DRIFT": (_SPARK, ()),
+    "STALL": (_SPARK, (("unit", "threshold_uj", 1e9),)),
+    "WEAR_FAST": ("arm+0", ()),
+    "CHIP": ("touch+0", ()),
+    "LOOSE_CHIP": ("touch+0", ()),
+    "BATTERY": ("0", (("unit", "battery_v", BATTERY_V),)),
+    "LOW_BATTERY": ("0", (("unit", "battery_v", LOW_BATTERY_V),)),
+    "BATTERY_TURNED": ("0", (("unit", "battery_v", -BATTERY_V),)),
+}
+"""Every injection: its usual time, and what it changes unless that depends on the state of the machine."""
+
+_WIRES: dict[str, _Change] = {
+    "ESTOP_DOOR_SWAPPED": ("wiring", "estop_door_swapped", True),
+    "ESTOP_OPEN": ("wiring", "estop_open", True),
+    "DOOR_BRIDGED": ("wiring", "door_bridged", True),
+    "LEVEL_INVERTED": ("wiring", "level_inverted", True),
+    "FLOW_OPEN": ("wiring", "flow_open", True),
+    "SUPPLY_BRIDGED": ("wiring", "supply_bridged", True),
+    "CONTACT_INVERTED": ("unit", "contact_inverted", 1),
+    "CONTACT_OPEN": ("unit", "contact_open", 1),
+    "MONITOR_OPEN": ("unit", "monitor_gain", 0.0),
+    "MONITOR_HALF": ("unit", "monitor_gain", 0.5),
+    "MONITOR_REVERSED": ("unit", "monitor_gain", -1.0),
+    "SENSOR_REVERSED": ("unit", "sensor_wire", -1.0),
+    "SENSOR_OPEN": ("unit", "sensor_wire", math.nan),
+    "GAP_OPEN": ("unit", "gap_wire", 0.0),
+    "GAP_REVERSED": ("unit", "gap_wire", -1.0),
+    "GAP_HALF": ("unit", "gap_wire", 0.5),
+    "GATE_STUCK": ("unit", "gate_stuck", 1),
+    "GATE_OPEN": ("unit", "gate_open", 1),
+    "MODE_STUCK": ("unit", "mode_stuck", STUCK_AT_GENERATOR),
+    "MODE_OPEN": ("unit", "mode_stuck", STUCK_AT_CONTACT),
+    "DAC_OPEN": ("unit", "dac_open", 1),
+    "X_REVERSED": ("wiring", "x_share", -1.0),
+    "X_OPEN": ("wiring", "x_share", 0.0),
+    "XY_SWAPPED": ("wiring", "xy_swapped", True),
+}
+WIRING_MISTAKES = tuple(_WIRES)
+"""Between plant and controller: wires that are off, reversed, exchanged or bridged, from the start."""
+INJECTIONS |= {name: ("0", (change,)) for name, change in _WIRES.items()}
+
+_RESETS = {
+    "WATCHDOG": ResetCause.WATCHDOG,
+    "BROWN_OUT": ResetCause.BROWN_OUT,
+    "POWER_LOSS": ResetCause.POWER_ON,
+}
+_ALIASES = {row.name: row.inject for row in FAULTS.values() if row.inject.isupper() or "@" in row.inject}
 
 
 class Trigger(Enum):
@@ -26,10 +130,7 @@ class Trigger(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Injection:
-    """Something that will go wrong `seconds` of controller time after the `nth` next `trigger`.
-
-    `name` is one of INJECTIONS; `size_um` is the height of a chip, NaN for everything else.
-    """
+    """A fault `seconds` of controller time after the `nth` next `trigger`; `size_um` is the height of a chip."""
 
     name: str
     trigger: Trigger
@@ -63,135 +164,30 @@ class LineState:
         return self.unplugged or self.silent or self.noise > 0.0
 
 
-WIRING_MISTAKES = (
-    "ESTOP_DOOR_SWAPPED",
-    "ESTOP_OPEN",
-    "DOOR_BRIDGED",
-    "LEVEL_INVERTED",
-    "FLOW_OPEN",
-    "SUPPLY_BRIDGED",
-    "CONTACT_INVERTED",
-    "CONTACT_OPEN",
-    "MONITOR_OPEN",
-    "MONITOR_HALF",
-    "MONITOR_REVERSED",
-    "SENSOR_REVERSED",
-    "SENSOR_OPEN",
-    "GAP_OPEN",
-    "GAP_REVERSED",
-    "GAP_HALF",
-    "GATE_STUCK",
-    "GATE_OPEN",
-    "MODE_STUCK",
-    "MODE_OPEN",
-    "DAC_OPEN",
-    "X_REVERSED",
-    "X_OPEN",
-    "XY_SWAPPED",
-)
-"""Between plant and controller: wires that are off, reversed, exchanged or bridged, from the start."""
-
-INJECTIONS: dict[str, str] = {
-    "SILENCE": "sparks+1",
-    "UNPLUG": "sparks+1",
-    "LINE_NOISE": "sparks+1",
-    "ABORT_RUN": "sparks+1",
-    "ACTUATOR_WEAK": "sparks+1",
-    "AMPLIFIER_DEAD": "sparks+1",
-    "MONITOR_HIGH": "sparks+1",
-    "STAGE_LIMIT": "arm+0",
-    "TOOL_LOST": "sparks+1",
-    "STUCK_CONTACT": "touch+0.2",
-    "OBSTACLE": "arm+0",
-    "WIRE_SHORT": "sparks+1",
-    "CARBON": "sparks+1",
-    "GAP_SENSOR_HIGH": "sparks+1",
-    "GAP_SENSOR_LOW": "arm+0",
-    "GENERATOR_LEAK": "sparks+1",
-    "OVER_CURRENT": "sparks+1",
-    "MODE_SWITCH": "touch+0.2",
-    "ESTOP": "sparks+1",
-    "DOOR": "sparks+1",
-    "DIELECTRIC_LEVEL": "sparks+1",
-    "DIELECTRIC_FLOW": "sparks+1",
-    "DIELECTRIC_HOT": "sparks+1",
-    "HV_SUPPLY": "sparks+1",
-    "WATCHDOG": "sparks+1",
-    "BROWN_OUT": "sparks+1",
-    "POWER_LOSS": "sparks+1",
-    "SAMPLES_LOST": "sparks+1",
-    "SAMPLES_FROZEN": "sparks+1",
-    "SENSOR_DRIFT": "sparks+1",
-    "STALL": "sparks+1",
-    "WEAR_FAST": "arm+0",
-    "CHIP": "touch+0",
-    "LOOSE_CHIP": "touch+0",
-    "BATTERY": "0",
-    "LOW_BATTERY": "0",
-    "BATTERY_TURNED": "0",
-    **dict.fromkeys(WIRING_MISTAKES, "0"),
-}
-"""Every injection, with its usual time."""
-
-CHIPS = ("CHIP", "LOOSE_CHIP")
-USUAL_CHIP_UM = 8.0
-
-DAMAGE_SEED = 1
-_ADVANCE = bytes([Advance.ID])
-
-_ALIASES = {row.name: row.inject for row in FAULTS.values() if row.inject.isupper() or "@" in row.inject}
-
-
 def parse_injection(text: str) -> Injection:
     """Read `NAME` or `NAME@WHEN`; WHEN is seconds, or `arm+`, `touch+` or `sparks+` and seconds.
 
-    NAME is one of INJECTIONS, or the name of a fault, which stands for its usual injection. A chip may be followed
-    by its height in µm (`CHIP_5`), a trigger by a number: `touch3+0` is the third touch from now.
-
-    Raises
-    ------
-    ValueError
-        No such name (the message lists them), or WHEN is none of these.
+    NAME is one of INJECTIONS, or the name of a fault, which means its usual injection. A chip may be followed by its
+    height in µm (`CHIP_5`), a trigger by a number: `touch3+0` is the third touch from now. Raises ValueError.
     """
-    name, at, when = text.strip().partition("@")
-    name, size_um = _sized(name.strip().upper())
+    name, at, when = (part.strip() for part in text.partition("@"))
+    name = name.upper()
+    size_um = USUAL_CHIP_UM if name in CHIPS else math.nan
+    kind, _, size = name.rpartition("_")
+    if kind in CHIPS:
+        name, size_um = kind, float(size) if _NUMBER.fullmatch(size) else 0.0
+        if not 0.0 < size_um < math.inf:
+            raise ValueError(f"{size!r} is not the height of a chip; use {kind}_{USUAL_CHIP_UM:g} for 8 µm")
     if name not in INJECTIONS and name in _ALIASES:
         name, _, usual = _ALIASES[name].partition("@")
         when = when if at else usual
     if name not in INJECTIONS:
         raise ValueError(f"no such fault: {name}; there are {', '.join(sorted(INJECTIONS))}")
-    if at and not when.strip():
-        raise ValueError(f"{text!r} says no time after @")
-    return Injection(name, *_when(when.strip() or INJECTIONS[name]), size_um)
-
-
-def _sized(name: str) -> tuple[str, float]:
-    """Name and height of a chip; any other name as it is, without one."""
-    kind, _, size = name.rpartition("_")
-    if kind not in CHIPS:
-        return name, USUAL_CHIP_UM if name in CHIPS else math.nan
-    try:
-        size_um = float(size)
-    except ValueError:
-        size_um = math.nan
-    if not (math.isfinite(size_um) and size_um > 0.0):
-        raise ValueError(f"{size!r} is no height of a chip; say {kind}_{USUAL_CHIP_UM:g} for that many µm")
-    return kind, size_um
-
-
-def _when(text: str) -> tuple[Trigger, float, int]:
-    start, plus, seconds = text.rpartition("+")
-    word = start.strip().lower().rstrip("0123456789")
-    number = start.strip()[len(word) :]
-    try:
-        trigger = Trigger(word) if plus else Trigger.TIME
-        value, nth = float(seconds), int(number or "1")
-    except ValueError:
-        raise ValueError(f"{text!r} is no time; say SECONDS, arm+S, touch+S, touch3+S or sparks+S") from None
-    counted = nth == 1 or (nth > 1 and trigger in (Trigger.ARM, Trigger.TOUCH))
-    if (plus and trigger is Trigger.TIME) or not (math.isfinite(value) and value >= 0.0 and counted):
-        raise ValueError(f"{text!r} is no time; say SECONDS, arm+S, touch+S, touch3+S or sparks+S")
-    return trigger, value, nth
+    match = _WHEN.fullmatch(when if at else when or INJECTIONS[name][0])
+    nth = int(match[2] or 1) if match else 0
+    if match is None or not (nth == 1 or (nth > 1 and match[1] != "sparks")) or float(match[3]) == math.inf:
+        raise ValueError(f"{when!r} is no time; use SECONDS, arm+S, touch+S, touch3+S or sparks+S")
+    return Injection(name, Trigger((match[1] or "").lower()), float(match[3]), nth, size_um)
 
 
 class LineDamage:
@@ -225,3 +221,129 @@ class LineDamage:
 def _is_advance(part: bytes) -> bool:
     """COBS puts its first code byte before the type, which is never zero."""
     return part[1:2] == _ADVANCE
+
+
+@dataclass(slots=True)
+class _Pending:
+    injection: Injection
+    due_tick: int | None  # None until its trigger has come
+    to_come: int = 1  # of its triggers
+
+
+class Injector:
+    """Keeps what is still to happen to one machine, and what was broken already.
+
+    controller : the core in this process, or an emulated board.
+    line : what is wrong with the line; whoever carries the bytes acts on it.
+    applied : what has happened, with its tick.
+    """
+
+    def __init__(self, controller: Any) -> None:
+        self._c = controller
+        self.line = LineState()
+        self.applied: list[tuple[Injection, int]] = []
+        self._pending: list[_Pending] = []
+        self._broken: list[tuple[str, _Change]] = []
+
+    def add(self, injection: Injection) -> None:
+        """Let an injection happen."""
+        due = None
+        if injection.trigger is Trigger.TIME:
+            due = self._c.boot_tick + round(injection.seconds / TICK_S)
+        self._pending.append(_Pending(injection, due, injection.nth))
+
+    def clear(self) -> None:
+        """Forget what is to come and repair what is broken."""
+        self._pending.clear()
+        while self._broken:
+            self._write(*self._broken.pop()[1])
+        self._c.plant.chips.clear()
+
+    def mend(self, name: str) -> None:
+        """Repair what the injections of one name have broken, and forget those that are still to come."""
+        self._pending = [p for p in self._pending if p.injection.name != name]
+        for at in reversed([i for i, (of, _) in enumerate(self._broken) if of == name]):
+            _, (where, part, value) = self._broken.pop(at)
+            later = [i for i in range(at, len(self._broken)) if self._broken[i][1][:2] == (where, part)]
+            if later:  # broken anew by another one since: that is mended to what was before this
+                self._broken[later[0]] = (self._broken[later[0]][0], (where, part, value))
+            else:
+                self._write(where, part, value)
+
+    def note(self, trigger: Trigger) -> None:
+        """Tell that a trigger has come; the seconds of whoever waits for it run from now."""
+        now = self._c.tick
+        for pending in self._pending:
+            if pending.due_tick is not None or pending.injection.trigger is not trigger:
+                continue
+            pending.to_come -= 1
+            if pending.to_come == 0:
+                pending.due_tick = now + round(pending.injection.seconds / TICK_S)
+
+    def next_tick(self, now: int) -> int:
+        """The tick before which the clock must stop for the next injection."""
+        if not self._pending:
+            return NEVER
+        if self._waits_for_sparks:
+            return now + (1 if self._c.state is State.MACHINING else LOOK_TICKS)
+        return min(NEVER if p.due_tick is None else p.due_tick for p in self._pending)
+
+    def apply_due(self, now: int) -> None:
+        """Bring about what is due at tick `now`."""
+        if not self._pending:
+            return
+        if self._c.state is State.MACHINING and self._waits_for_sparks and self._c.loop.tick_counts >> PACK:
+            self.note(Trigger.SPARKS)
+        due = [p for p in self._pending if p.due_tick is not None and p.due_tick <= now]
+        for pending in due:
+            self._pending.remove(pending)
+            self.applied.append((pending.injection, now))
+            self._apply(pending.injection, now)
+
+    @property
+    def _waits_for_sparks(self) -> bool:
+        return any(p.due_tick is None and p.injection.trigger is Trigger.SPARKS for p in self._pending)
+
+    def _apply(self, injection: Injection, now: int) -> None:
+        name, unit = injection.name, self._c.plant.unit
+        if name in _RESETS:
+            self._c.reset(_RESETS[name])
+        elif name == "ABORT_RUN":
+            self._c.receive(bytes(ABORT_ZEROS))
+        elif name in CHIPS:
+            self._c.plant.chips.drop(injection.size_um, loose=name == "LOOSE_CHIP")
+        elif name == "GAP_SENSOR_HIGH":
+            self._break(name, "unit", "gap_stuck_v", unit.open_v)
+        elif name == "WEAR_FAST":
+            self._break(name, "unit", "tool_factor", WEAR_FACTOR * unit.tool_factor)
+        elif name == "SENSOR_DRIFT":
+            # The drift counts from tick 0; what it would be by now is taken off.
+            self._break(name, "state", "walk_um", self._c.plant.state.walk_um - DRIFT_UM_S * now * TICK_S)
+            self._break(name, "unit", "sensor_drift_um_s", unit.sensor_drift_um_s + DRIFT_UM_S)
+        for change in INJECTIONS[name][1]:
+            self._break(name, *change)
+
+    def _break(self, injection: str, where: str, name: str, value: float) -> None:
+        self._broken.append((injection, (where, name, getattr(self._owner(where), name))))
+        self._write(where, name, value)
+
+    def _owner(self, where: str) -> object:
+        plant = self._c.plant
+        owners: dict[str, object] = {
+            "line": self.line,
+            "telemetry": self._c.telemetry,
+            "plant": plant,
+            "unit": plant.unit,
+            "state": plant.state,
+            "wiring": plant.wiring,
+        }
+        return owners[where]
+
+    def _write(self, where: str, name: str, value: float) -> None:
+        plant = self._c.plant
+        if where == "plant" and name == "current_factor":
+            plant.set_current_factor(value)
+            return
+        setattr(self._owner(where), name, value)
+        if where == "plant":
+            plant.set_surface()

@@ -52,13 +52,10 @@ class Traffic:
 class Server:
     """One controller on one endpoint.
 
-    Parameters
-    ----------
-    bench : what is served; it lives on between clients
-    endpoint : where; the caller closes it
-    speed : controller seconds per second, None for a driven clock
-    each_turn : called after every turn of the loop, a few milliseconds apart
-    say : told once when the computer is too slow for the speed
+    bench : what is served, from client to client. endpoint : where; the caller closes it.
+    speed : controller seconds per second, None for a driven clock.
+    each_turn : called after every turn of the loop, a few milliseconds apart.
+    say : called once if the computer is too slow for the speed.
     """
 
     def __init__(
@@ -69,14 +66,12 @@ class Server:
         each_turn: Callable[[], None] = lambda: None,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self._bench = bench
+        self._bench, self._endpoint, self._speed = bench, endpoint, speed
         self._each_turn, self._say = each_turn, say
         self._in_frame = self._is_late = False
         self._controller = bench.controller
         self._line = bench.line
         self._damage = LineDamage(bench.line)
-        self._endpoint = endpoint
-        self._speed = speed
         self._waiting = bytearray()
         self.traffic = Traffic()
         self._controller.link.driven = speed is None
@@ -160,13 +155,9 @@ class Server:
             self._controller.host_wait.wait(0.0)
 
     def _count_frames(self, data: bytes) -> None:
-        *ended, rest = data.split(b"\0")
+        *ended, rest = ((b"x" if self._in_frame else b"") + data).split(b"\0")
         self.traffic.frames_in += sum(1 for part in ended if part)
-        if ended:
-            self.traffic.frames_in += self._in_frame and not ended[0]
-            self._in_frame = bool(rest)
-        else:
-            self._in_frame = self._in_frame or bool(rest)
+        self._in_frame = bool(rest)
 
     def _look_after_orphan(self) -> None:
         if self._bench.is_safe or monotonic() - self._heard_s < ORPHANED_S or self._endpoint.has_client():
@@ -194,7 +185,7 @@ class Server:
 
 
 class EventMonitor:
-    """Says what happens to a served machine, as it happens: call it often.
+    """Reports what happens to a served machine, as it happens: call it often.
 
     rested : called when a machine that was armed is not any more.
     faults : codes of the faults latched since the start, in order.
@@ -210,27 +201,28 @@ class EventMonitor:
         self._armed = False
         self.faults: list[int] = []
         if self._fault:
-            say(f"{_fault_words(self._fault)} is latched from before")
+            say(f"{_fault_text(self._fault)} is latched from before")
 
     def __call__(self) -> None:
-        """Say what is new."""
+        """Report what is new."""
         controller = self._controller
         applied = controller.injector.applied
         for injection, tick in applied[self._injected :]:
             self._say(f"{tick * TICK_S:.3f} s: {injection} happened")
         self._injected = len(applied)
-        if controller.fault != self._fault:
-            old, self._fault = self._fault, controller.fault
-            if self._fault:
-                self.faults.append(self._fault)
-            words = f"{_fault_words(self._fault)} latched" if self._fault else f"{_fault_words(old)} cleared"
-            frozen_tick = controller.black_box.frozen_tick if self._fault else -1
-            at = controller.tick if frozen_tick in (None, -1) else frozen_tick
-            self._say(f"{at * TICK_S:.3f} s: {words}")
-        was_armed, self._armed = self._armed, controller.armed
-        if was_armed and not self._armed:
+        fault, before = controller.fault, self._fault
+        if fault != before:
+            self._fault, tick = fault, controller.tick
+            if fault:
+                self.faults.append(fault)
+                frozen_tick = controller.black_box.frozen_tick
+                tick = tick if frozen_tick in (None, -1) else frozen_tick
+            text = f"{_fault_text(fault)} latched" if fault else f"{_fault_text(before)} cleared"
+            self._say(f"{tick * TICK_S:.3f} s: {text}")
+        if self._armed and not controller.armed:
             self._rested()
+        self._armed = controller.armed
 
 
-def _fault_words(code: int) -> str:
+def _fault_text(code: int) -> str:
     return f"fault {code} {FAULTS[code].name}"

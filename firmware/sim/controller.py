@@ -21,8 +21,7 @@ from edmctl.link.messages import (
     State,
     Status,
 )
-from edmctl.simulator.injection import Trigger
-from edmctl.simulator.injector import Injector
+from edmctl.simulator.injection import Injector, Trigger
 from edmctl.simulator.plant_interface import TICK_NS
 
 from .addresses import CCM_AT

@@ -90,10 +90,10 @@ def test_without_a_compiler_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch, 
     ("command", "code", "reason"),
     [
         ("no-such-compiler", "E8093", "no-such-compiler does not run: No such file or directory."),
-        ("false", "E8093", "false does not run: with --version it ends with exit code 1."),
+        ("false", "E8093", "false does not run: it ends with exit code 1."),
         ("'cc", "E8093", "No closing quotation"),
         ("true", "E8094", "true made no library."),
-        ("sh -c 'printf \"\\351\"; exit 3'", "E8093", "with --version it ends with exit code 3."),
+        ("sh -c 'printf \"\\351\"; exit 3'", "E8093", "it ends with exit code 3."),
         ("sh -c '[ $0 = --version ] || kill -9 $$'", "E8094", "was killed by signal 9."),
         ("sh -c '[ $0 = --version ] || exit 4'", "E8094", "ends with exit code 4."),
         (

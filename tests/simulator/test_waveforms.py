@@ -135,8 +135,8 @@ def test_drawing_takes_no_random_number_from_the_machine(rig: RigMaker) -> None:
     controller.waveforms._records = b""
     read(r.session)
     after = bench_state(r.bench)
-    assert before["plant"]["random"]["_noise"] == after["plant"]["random"]["_noise"]  # type: ignore[index]
-    assert before["plant"]["stage_noise"] == after["plant"]["stage_noise"]  # type: ignore[index]
+    assert before["plant"]["random"]["_noise"] == after["plant"]["random"]["_noise"]
+    assert before["plant"]["stage_noise"] == after["plant"]["stage_noise"]
 
 
 def test_nothing_is_kept_without_a_fault_or_long_after_the_last_pulse(rig: RigMaker) -> None:

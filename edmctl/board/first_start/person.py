@@ -12,8 +12,7 @@ from edmctl.board.first_start.checklist import ACTS, PROMPTS, QUESTIONS, YES_NO
 from edmctl.files import read_bytes
 from edmctl.link.messages import Axis
 from edmctl.simulator import VirtualBench
-from edmctl.simulator.injection import parse_injection
-from edmctl.simulator.injector import BATTERY_V, LOW_BATTERY_V
+from edmctl.simulator.injection import BATTERY_V, LOW_BATTERY_V, parse_injection
 
 
 class Person(Protocol):
