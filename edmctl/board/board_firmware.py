@@ -230,8 +230,8 @@ def flash_board(
         if tool.takes_first and not tool.probe and len(st_links()) > 1:
             raise failures.several_probes(tool=tool.name)
         confirm(board)
-        job.chip = flash(tool, board, job.image.data, say)
-        job.tool = tool.name
+        flash(tool, board, job.image.data, say)
+        job.tool, job.chip = tool.name, board.chip
 
     if port is None:
         for link in st_links():  # a job may run behind any of them

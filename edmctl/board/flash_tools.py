@@ -20,7 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from edmctl import failures
-from edmctl.core.boards import CHIPS, Board
+from edmctl.core.boards import Board
 from edmctl.dataclasses import dataclass
 from edmctl.errors import installing
 from edmctl.files import open_regular
@@ -177,8 +177,8 @@ def find_tool(named: str | None, probe: str | None = None) -> Tool:
     raise failures.flash_tool_missing(missing=missing, tool=candidates[0].name, install=candidates[0].install)
 
 
-def flash(tool: Tool, board: Board, data: bytes, say: Callable[[str], None]) -> str:
-    """Write an image to a board of its kind, compare it byte by byte, and start it; return the name of the chip.
+def flash(tool: Tool, board: Board, data: bytes, say: Callable[[str], None]) -> None:
+    """Write an image to a board of its kind, compare it byte by byte, and start it.
 
     Raises PreconditionError: E8121 without a board, E8122 for another chip, E8125 if the tool fails, E8126 if
     another image is read back; the board is not started then.
@@ -195,10 +195,10 @@ def flash(tool: Tool, board: Board, data: bytes, say: Callable[[str], None]) -> 
         device = int(match[1], 16) & _DEVICE_BITS
         if device in (0, _DEVICE_BITS):
             raise failures.chip_not_found(tool=tool.name)
-        chip = CHIPS.get(device, f"device id 0x{device:03X}")
         if device not in board.device_ids:
-            raise failures.image_for_another_board(title=board.title, chip=board.chip, found=chip)
-        say(f"{tool.name}: {chip} found; {len(data)} bytes are written.")
+            found = f"one with device id 0x{device:03X}"
+            raise failures.image_for_another_board(title=board.title, chip=board.chip, found=found)
+        say(f"{tool.name}: {board.chip} found; {len(data)} bytes are written.")
         tool.run(steps["write"], Path(work))
         say(f"{tool.name}: written; it is read back.")
         tool.run(steps["read back"], Path(back))
@@ -210,7 +210,6 @@ def flash(tool: Tool, board: Board, data: bytes, say: Callable[[str], None]) -> 
             first = next(differences, min(len(read), len(data)))
             raise failures.flash_differs(read_count=len(read), address=board.flash.address + first)
         tool.run(steps["start"], Path(back))
-    return chip
 
 
 def _last_lines(output: str) -> str:

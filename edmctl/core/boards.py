@@ -14,7 +14,6 @@ class Memory:
     size_bytes: int
 
     def holds(self, address: int) -> bool:
-        """Whether an address lies in it."""
         return self.address <= address < self.address + self.size_bytes
 
 
@@ -65,20 +64,6 @@ STM32F4 = Board(
     openocd_config="board/st_nucleo_f4.cfg",
 )
 BOARDS = {board.name: board for board in (STM32F4,)}
-CHIPS = {
-    0x411: "STM32F2",
-    0x413: "STM32F405/407",
-    0x419: "STM32F42x/43x",
-    0x421: "STM32F446",
-    0x423: "STM32F401",
-    0x431: "STM32F411",
-    0x433: "STM32F401",
-    0x434: "STM32F469/479",
-    0x449: "STM32F74x/75x",
-    0x451: "STM32F76x/77x",
-    0x450: "STM32H74x/75x",
-}
-"""Chips of boards that one may have at hand, by device id (RM0090 and its sisters, DBGMCU_IDCODE)."""
 
 
 def board_of(number: int) -> Board | None:

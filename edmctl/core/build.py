@@ -79,7 +79,7 @@ class Build:
 
 
 def source_folder() -> Path:
-    """Folder of the firmware's sources: inside an installed package, beside it in a source tree."""
+    """Return the folder of the firmware's sources: inside an installed package, beside it in a source tree."""
     package = Path(__file__).resolve().parent
     installed = package / "source"
     return installed if installed.is_dir() else package.parent.parent / "firmware"
@@ -192,12 +192,6 @@ def cache_folder(environ: Mapping[str, str]) -> Path:
     return platformdirs.user_cache_path("edmctl", appauthor=False) / "firmware"
 
 
-def compiler_environment(environ: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment of a compiler: zig keeps its own library beside ours, and needs no home."""
-    kept = environ.get(ZIG_CACHE_VARIABLE) or str(cache_folder(environ) / "zig")
-    return {**environ, ZIG_CACHE_VARIABLE: kept}
-
-
 def system_compiler() -> str | None:
     """Return the path of the system's C compiler; None without one."""
     return next((path for name in _COMPILERS if (path := shutil.which(name))), None)
@@ -232,11 +226,12 @@ class CompilerFailed(Exception):
 
 
 def run_compiler(command: Sequence[str]) -> str:
-    """Run a compiler and return its output. Raises CompilerFailed."""
+    """Run a compiler and return its output; zig keeps its library beside ours. Raises CompilerFailed."""
+    zig_cache = os.environ.get(ZIG_CACHE_VARIABLE) or str(cache_folder(os.environ) / "zig")
     try:
         done = subprocess.run(
             command,
-            env=compiler_environment(os.environ),
+            env={**os.environ, ZIG_CACHE_VARIABLE: zig_cache},
             stdin=subprocess.DEVNULL,
             capture_output=True,
             encoding="utf-8",

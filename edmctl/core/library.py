@@ -4,20 +4,10 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from ctypes import (
-    CFUNCTYPE,
-    POINTER,
-    c_bool,
-    c_char_p,
-    c_double,
-    c_int,
-    c_int16,
-    c_int64,
-    c_size_t,
-    c_uint16,
-    c_uint32,
-    c_void_p,
-)
+from ctypes import CFUNCTYPE, POINTER, c_bool, c_char_p, c_int, c_int16, c_size_t, c_uint16, c_uint32
+from ctypes import c_double as double
+from ctypes import c_int64 as int64
+from ctypes import c_void_p as pointer
 from functools import cache, partial
 from typing import Any
 
@@ -137,17 +127,17 @@ class Kept(Record):
 
 
 CALLBACKS: dict[str, Any] = {
-    "set_generator": CFUNCTYPE(c_double, c_double, c_double, c_double, c_double, c_double),
-    "stage_stop": CFUNCTYPE(None, c_int64, c_double),
+    "set_generator": CFUNCTYPE(double, *5 * [double]),
+    "stage_stop": CFUNCTYPE(None, int64, double),
     "path_begin": CFUNCTYPE(None),
-    "path_line": CFUNCTYPE(None, c_int64),
+    "path_line": CFUNCTYPE(None, int64),
     "path_end": CFUNCTYPE(None),
-    "wave_memory": CFUNCTYPE(c_int64),
+    "wave_memory": CFUNCTYPE(int64),
     "wave_keep": CFUNCTYPE(None),
-    "wave_forget": CFUNCTYPE(None, c_int64),
-    "wave_read": CFUNCTYPE(None, c_int64, c_int64, POINTER(c_int16)),
-    "follow": CFUNCTYPE(None, c_int64),
-    "due": CFUNCTYPE(c_int64),
+    "wave_forget": CFUNCTYPE(None, int64),
+    "wave_read": CFUNCTYPE(None, int64, int64, POINTER(c_int16)),
+    "follow": CFUNCTYPE(None, int64),
+    "due": CFUNCTYPE(int64),
 }
 
 
@@ -157,60 +147,49 @@ class Callbacks(ctypes.Structure):
     _fields_ = list(CALLBACKS.items())
 
 
-_FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
-    "size": (c_size_t, ()),
-    "inputs_at": (c_size_t, ()),
-    "seen_at": (c_size_t, ()),
-    "out_at": (c_size_t, ()),
-    "last_samples_at": (c_size_t, ()),
-    "samples_at": (c_size_t, ()),
+_HOST: dict[str, tuple[Any, Sequence[Any]]] = {
+    **{name: (c_size_t, ()) for name in ("size", "inputs_at", "seen_at", "out_at")},
+    **{name: (c_size_t, ()) for name in ("last_samples_at", "samples_at")},
     "real_bytes": (c_int, ()),
     "schema_hash": (c_uint32, ()),
-    "bind": (None, (c_void_p, c_void_p, c_void_p, POINTER(Callbacks))),
-    "create": (None, (c_void_p, c_char_p, POINTER(c_double))),
-    "set": (None, (c_void_p, c_int, c_uint32, c_int, c_double)),
-    "receive": (c_size_t, (c_void_p, c_char_p, c_size_t)),
-    "line_read": (None, (c_void_p,)),
-    "advanced": (None, (c_void_p,)),
-    "taken": (None, (c_void_p,)),
-    "heard": (None, (c_void_p,)),
-    "count_from": (None, (c_void_p, c_int64, c_uint16, c_uint32, c_uint32, c_uint32)),
-    "fault": (None, (c_void_p, c_int, c_int)),
-    "reset": (None, (c_void_p, c_int)),
-    "keep": (None, (c_void_p, c_void_p)),
-    "take_up": (None, (c_void_p, c_void_p)),
+    "bind": (None, (pointer, pointer, pointer, POINTER(Callbacks))),
+    "create": (None, (pointer, c_char_p, POINTER(double))),
+    "set": (None, (pointer, c_int, c_uint32, c_int, double)),
+    "receive": (c_size_t, (pointer, c_char_p, c_size_t)),
+    **{name: (None, (pointer,)) for name in ("line_read", "advanced", "taken", "heard")},
+    "count_from": (None, (pointer, int64, c_uint16, c_uint32, c_uint32, c_uint32)),
+    "fault": (None, (pointer, c_int, c_int)),
+    "reset": (None, (pointer, c_int)),
+    "keep": (None, (pointer, pointer)),
+    "take_up": (None, (pointer, pointer)),
 }
+"""Functions of the controller: result and arguments."""
 
-
-_PLANT: dict[str, tuple[Any, Sequence[Any]]] = {
-    "machine_run": (c_int64, (c_int64, c_void_p, c_void_p)),
-    "machine_advance": (None, (c_int64, c_bool, c_int64, c_void_p, c_void_p)),
-    "plant_run": (c_bool, (c_void_p,)),
-    "plant_tick": (c_bool, (c_void_p,)),
-    "plant_follow": (c_bool, (c_void_p,)),
-    "actuator_run": (c_double, (c_void_p, c_int64, c_void_p, *3 * [c_double], *3 * [c_void_p])),
-    "actuator_tick": (None, (c_void_p, c_void_p, c_double)),
-    "pump": (None, (c_void_p, c_void_p, c_double)),
-    "renew_clearing": (None, (c_void_p, c_void_p)),
-    "strike_pulses": (None, (c_void_p,)),
-    "pulse_signals": (None, (c_int64, c_void_p, *5 * [c_double], *2 * [c_void_p])),
-    "work_look": (c_double, (c_void_p, *6 * [c_double])),
-    "work_tabulate": (c_int64, (c_void_p, c_double, c_void_p, c_int64, *2 * [c_void_p])),
-    "work_sink": (None, (c_void_p, c_double, c_double)),
+_MODELS: dict[str, tuple[Any, Sequence[Any]]] = {
+    "machine_run": (int64, (int64, pointer, pointer)),
+    "machine_advance": (None, (int64, c_bool, int64, pointer, pointer)),
+    "plant_run": (c_bool, (pointer,)),
+    "actuator_run": (double, (pointer, int64, pointer, *3 * [double], *3 * [pointer])),
+    "actuator_tick": (None, (pointer, pointer, double)),
+    "pump": (None, (pointer, pointer, double)),
+    "renew_clearing": (None, (pointer, pointer)),
+    "strike_pulses": (None, (pointer,)),
+    "pulse_signals": (None, (int64, pointer, *5 * [double], *2 * [pointer])),
+    "work_look": (double, (pointer, *6 * [double])),
+    "work_tabulate": (int64, (pointer, double, pointer, int64, *2 * [pointer])),
+    "work_sink": (None, (pointer, double, double)),
+    "bank_room": (int64, (pointer,)),
+    "bank_advance": (None, (*2 * [pointer], int64, *3 * [pointer])),
+    "bank_features": (None, (*2 * [pointer], int64, *3 * [pointer], int64, pointer)),
+    "bank_solve": (None, (*2 * [pointer], int64, *2 * [pointer], *2 * [double], *2 * [pointer])),
+    "turned_stops": (None, (int64, pointer, int64, *2 * [pointer])),
+    "maxwell_loads": (None, (pointer, *2 * [double], int64, *2 * [pointer])),
+    "maxwell_positions": (None, (pointer, *2 * [double], int64, *2 * [pointer])),
+    "pow": (double, (double, double)),
+    **{name: (double, (double,)) for name in ("exp", "log", "sin", "cos")},
+    "transducer_advance": (None, (*3 * [pointer], int64, *5 * [pointer])),
 }
-
-_OPERATORS: dict[str, tuple[Any, Sequence[Any]]] = {
-    "bank_room": (c_int64, (c_void_p,)),
-    "bank_advance": (None, (*2 * [c_void_p], c_int64, *3 * [c_void_p])),
-    "bank_features": (None, (*2 * [c_void_p], c_int64, *3 * [c_void_p], c_int64, c_void_p)),
-    "bank_solve": (None, (*2 * [c_void_p], c_int64, *2 * [c_void_p], *2 * [c_double], *2 * [c_void_p])),
-    "turned_stops": (None, (c_int64, c_void_p, c_int64, *2 * [c_void_p])),
-    "maxwell_loads": (None, (c_void_p, *2 * [c_double], c_int64, *2 * [c_void_p])),
-    "maxwell_positions": (None, (c_void_p, *2 * [c_double], c_int64, *2 * [c_void_p])),
-    "pow": (c_double, (c_double, c_double)),
-    **{name: (c_double, (c_double,)) for name in ("exp", "log", "sin", "cos")},
-    "transducer_advance": (None, (*3 * [c_void_p], c_int64, *5 * [c_void_p])),
-}
+"""Functions of the virtual machine, of the actuator models, and elementary ones."""
 
 
 class Library:
@@ -222,12 +201,12 @@ class Library:
     def __init__(self, build: Build) -> None:
         self.build = build
         self.loaded = ctypes.CDLL(str(build.path))
-        for prefix, functions in (("edm_host_", _FUNCTIONS), ("edm_", _PLANT | _OPERATORS)):
+        for prefix, functions in (("edm_host_", _HOST), ("edm_", _MODELS)):
             for name, (result, arguments) in functions.items():
                 function = getattr(self.loaded, f"{prefix}{name}")
                 function.restype, function.argtypes = result, list(arguments)
                 setattr(self, name, function)
-        self.plant_run_at: int = ctypes.cast(self.loaded.edm_plant_run, c_void_p).value or 0
+        self.plant_run_at: int = ctypes.cast(self.loaded.edm_plant_run, pointer).value or 0
         self.loaded.edm_sources.restype = c_char_p
         if (sources := self.loaded.edm_sources()) != build.sources.encode():
             raise OSError(f"it was built from other sources ({sources!r})")

@@ -26,12 +26,10 @@ _TICKS_AT_ONCE = BLOCK // 2
 
 
 class DrivenTicks(NamedTuple):
-    """What happened at consecutive ticks of 1 ms; ndarrays of shape (n,).
+    """Consecutive ticks of 1 ms, ndarrays of shape (n,).
 
-    t_s : time since the actuator was set up.
-    applied_v : voltage after slew limit, range and converter.
-    truth_um : where the tool was; only the simulator knows.
-    sensor_um : what the displacement sensor read.
+    t_s : since the actuator was set up. applied_v : after slew limit, range and converter.
+    truth_um : position of the tool, which only the simulator knows. sensor_um : reading of the displacement sensor.
     """
 
     t_s: Array
@@ -55,8 +53,7 @@ class VirtualActuator:
     def drive(self, command_v: Array) -> DrivenTicks:
         """Apply a voltage sampled every millisecond; calls continue one another.
 
-        command_v : ndarray, shape (n,), finite. What lies outside the range is clamped, what is steeper than
-            the slew limit is slowed down, as by the controller.
+        command_v : ndarray, shape (n,), finite. Range and slew limit are those of the controller.
         """
         plant = self._plant
         command_v = np.ascontiguousarray(command_v, dtype=np.float64)

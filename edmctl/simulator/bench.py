@@ -22,10 +22,9 @@ SETTLE_TICKS, MOST_SETTLES = 50, 2000
 
 @dataclass(frozen=True, slots=True)
 class HoleTruth:
-    """A hole as the plant knows it: axis, depth under the tool's face in µm, and whether the face is through.
+    """A hole as the plant knows it: axis, depth under the tool's face, and whether the face is through.
 
-    `side_gap_um` is the widest at the wall, `taper_um` how much wider the mouth is on the radius, `ra_um` the
-    roughness of the floor.
+    side_gap_um : the widest at the wall. taper_um : how much wider the mouth is, on the radius. ra_um : floor.
     """
 
     x_um: float
@@ -133,7 +132,7 @@ class VirtualBench:
 
     @property
     def line(self) -> LineState:
-        """What is wrong with the line; whoever carries the bytes acts on it."""
+        """What is wrong with the line."""
         return self.controller.injector.line
 
     def inject(self, injection: Injection) -> None:
@@ -164,7 +163,7 @@ class VirtualBench:
         """Every hole made so far, in the order of making; what was cut on a path is in the map alone."""
         return tuple(
             HoleTruth(h.x_um, h.y_um, h.depth_um, h.through, h.side_gap_um, h.taper_um, h.ra_um)
-            for h in self.plant.true_holes()
+            for h in self.plant.work_under_tool.true_holes()
         )
 
     def truth_map(self) -> tuple[Array, Array, Array]:
@@ -186,17 +185,14 @@ class VirtualBench:
 
     @property
     def true_drifts_um_per_s(self) -> dict[str, float]:
-        """How fast the sensor's zero drifts, and the work away from the tool; without the sensor's random walk."""
+        """Drift of the sensor's zero, without its random walk, and of the workpiece away from the tool."""
         unit = self.plant.unit
-        return {
-            "sensor_um_per_s": float(unit.sensor_drift_um_s),
-            "machine_um_per_s": float(unit.machine_drift_um_s),
-        }
+        return {"sensor_um_per_s": unit.sensor_drift_um_s, "machine_um_per_s": unit.machine_drift_um_s}
 
     @property
     def tool_wear_um(self) -> float:
         """Length that the tool has truly lost, µm."""
-        return self.plant.tool_wear_um
+        return self.plant.state.wear_um
 
 
 def open_bench(config: BenchConfig, seed: int) -> VirtualBench:
@@ -205,11 +201,10 @@ def open_bench(config: BenchConfig, seed: int) -> VirtualBench:
 
 
 def run_many(benches: Sequence[VirtualBench], ticks: int, threads: int) -> None:
-    """Let `ticks` ms pass on each of several machines, `threads` of them at a time.
+    """Let `ticks` ms pass on each of several machines, `threads` at a time; each does what it would do alone.
 
-    Each does what it would do alone; what its controller sends waits in `controller.link.take_output()`, and its
-    watchdog hears a host by `controller.host_heard()`. A machine is reset by a copy of it that was made before
-    (`copy.deepcopy`). Raises what went wrong on the first of them.
+    What a controller sends waits in `controller.link.take_output()`; `controller.host_heard()` feeds its watchdog;
+    a copy made before (`copy.deepcopy`) resets a machine. Raises the error of the first that fails.
     """
     with ThreadPoolExecutor(threads) as pool:
         for _ in pool.map(lambda bench: bench.controller.advance(ticks), benches):

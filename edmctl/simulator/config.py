@@ -65,8 +65,7 @@ class SensorConstants:
 
 
 FIRMWARE, FIRMWARE_FLOAT, STM32 = CONTROLLERS = ("firmware", "firmware-float", "stm32")
-"""What can drive a bench: the controller in C; the same with a board's arithmetic; the image of a board on an
-emulated chip."""
+"""Controllers of a bench: in C; in C with a board's arithmetic; a board's image on an emulated chip."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,7 +47,7 @@ class _seen(Generic[T]):
 
 
 class SampleLine:
-    """What can be wrong with a controller's samples: `lost` ones do not come, `frozen` ones tell an old time."""
+    """What is wrong with a controller's samples: `lost` ones do not come, `frozen` ones have an old time."""
 
     def __init__(self, controller: Controller) -> None:
         self._c = controller
@@ -56,7 +56,6 @@ class SampleLine:
 
     @property
     def lost(self) -> bool:
-        """Everything is sent but samples."""
         return self._lost
 
     @lost.setter
@@ -67,7 +66,6 @@ class SampleLine:
 
     @property
     def frozen(self) -> bool:
-        """All samples have the time of the last ones before."""
         return self._frozen
 
     @frozen.setter
@@ -81,7 +79,6 @@ class SampleLine:
 
     @property
     def is_broken(self) -> bool:
-        """Whether something is wrong with the samples."""
         return self._lost or self._frozen
 
     def passes(self, data: bytes) -> bytes:
@@ -91,13 +88,12 @@ class SampleLine:
         sent = []
         for frame in FrameDecoder(watch_for_abort=False).feed(data):
             payload = frame.payload
+            if frame.type_id == Tlm.ID and self._lost:
+                continue
             if frame.type_id == Tlm.ID:
-                if self._lost:
-                    continue
-                if self._frozen:
-                    samples = Tlm.unpack(payload)
-                    samples.t0_us = self._frozen_us
-                    payload = samples.pack()
+                samples = Tlm.unpack(payload)
+                samples.t0_us = self._frozen_us
+                payload = samples.pack()
             sent.append(encode_frame(frame.type_id, frame.seq, frame.session, frame.flags, payload))
         return b"".join(sent)
 
@@ -105,11 +101,9 @@ class SampleLine:
 class HostWait:
     """Lets time pass for a host that waits.
 
-    The controller answers commands at once, without time. So that a host which asks again and again cannot stop the
-    clock, a millisecond passes after a hundred answers. No job asks so much without waiting.
-
-    A wait that ends early has something for the host to see at once. If that comes in the last millisecond of a
-    wait, the next one ends without time.
+    The controller answers commands at once, without time. So that a host which only asks cannot stop the clock, a
+    millisecond passes after a hundred answers. A wait ends early if there is something for the host to see; if that
+    comes in the last millisecond of a wait, the next one ends without time.
     """
 
     def __init__(self, controller: Controller) -> None:
@@ -133,12 +127,12 @@ class Controller:
     """One core over one plant; it is its own end of the line, `link`.
 
     real : arithmetic of the core, "double" or, as on a board, "float".
-    baud, board : what the core reports of its line and of itself. driven : its time passes by ADVANCE alone.
-    host_time_scale : by which it measures what its host does. The core learns all four with the next bytes or ticks.
+    baud, board : what the core reports of its line and of itself. driven : its time passes only by ADVANCE.
+    host_time_scale : by which it measures what its host does. The core gets these with the next bytes or ticks.
+    answer_ticks : milliseconds within which a command is answered.
     """
 
     answer_ticks = 0
-    """Milliseconds within which a command is answered."""
 
     def __init__(self, plant: Plant, real: str = "double") -> None:
         self.plant = plant

@@ -20,7 +20,7 @@ from edmctl.dataclasses import dataclass
 from edmctl.link import gate
 
 SILENT_S = 5.0
-"""A client that has sent no valid frame for so long makes room for the next one that comes."""
+"""A client that has sent no valid frame for this time makes room for the next one."""
 GATE_S = 5.0
 """A client that has not answered the challenge by then is turned away."""
 MOST_AT_GATE = 16
@@ -130,11 +130,10 @@ class _AtGate:
 
 
 class SocketEndpoint:
-    """A TCP socket with one client at a time; with a `secret` only for who knows it.
+    """A TCP socket with one client at a time, with a `secret` only one that knows it.
 
-    While the client sends valid frames others are told that it is busy; `heard` tells of them.
-
-    Raises LinkLost E4021 where the address cannot be taken.
+    While the client sends valid frames (`heard`), others are refused as it is busy. Raises LinkLost E4021 if the
+    address cannot be taken.
     """
 
     def __init__(

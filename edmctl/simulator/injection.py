@@ -116,16 +116,12 @@ _ALIASES = {row.name: row.inject for row in FAULTS.values() if row.inject.isuppe
 
 
 class Trigger(Enum):
-    """What an injection counts its seconds from."""
+    """What an injection counts its seconds from: the controller's start, ARM, TOUCH_OFF, a discharge of a cut."""
 
     TIME = ""
-    """The controller's start."""
     ARM = "arm"
-    """The next ARM."""
     TOUCH = "touch"
-    """The next TOUCH_OFF."""
     SPARKS = "sparks"
-    """The next discharge of a cut."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,8 +145,7 @@ class Injection:
 class LineState:
     """What is wrong with the line between host and controller.
 
-    unplugged : nothing comes or goes, and both ends can tell.
-    silent : what the host sends does not arrive; it cannot tell.
+    unplugged : nothing comes or goes, and both ends notice. silent : what the host sends does not arrive, unnoticed.
     noise : share of the host's frames that arrive damaged, 0 to 1.
     """
 
@@ -160,7 +155,6 @@ class LineState:
 
     @property
     def is_damaged(self) -> bool:
-        """Whether what the host sends may not arrive."""
         return self.unplugged or self.silent or self.noise > 0.0
 
 
@@ -231,10 +225,9 @@ class _Pending:
 
 
 class Injector:
-    """Keeps what is still to happen to one machine, and what was broken already.
+    """Pending injections of one machine, and what was broken already.
 
-    controller : the core in this process, or an emulated board.
-    line : what is wrong with the line; whoever carries the bytes acts on it.
+    controller : the core in this process, or an emulated board. line : acted on by whoever carries the bytes.
     applied : what has happened, with its tick.
     """
 
@@ -246,7 +239,6 @@ class Injector:
         self._broken: list[tuple[str, _Change]] = []
 
     def add(self, injection: Injection) -> None:
-        """Let an injection happen."""
         due = None
         if injection.trigger is Trigger.TIME:
             due = self._c.boot_tick + round(injection.seconds / TICK_S)
@@ -329,15 +321,11 @@ class Injector:
 
     def _owner(self, where: str) -> object:
         plant = self._c.plant
-        owners: dict[str, object] = {
-            "line": self.line,
-            "telemetry": self._c.telemetry,
-            "plant": plant,
-            "unit": plant.unit,
-            "state": plant.state,
-            "wiring": plant.wiring,
-        }
-        return owners[where]
+        if where == "line":
+            return self.line
+        if where == "telemetry":
+            return self._c.telemetry
+        return plant if where == "plant" else getattr(plant, where)
 
     def _write(self, where: str, name: str, value: float) -> None:
         plant = self._c.plant

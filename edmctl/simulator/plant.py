@@ -28,7 +28,7 @@ from edmctl.simulator.config import BenchConfig, DischargeConstants, drawn
 from edmctl.simulator.plant_interface import TICK_NS, Drive, Readings
 from edmctl.simulator.plant_state import BURNING, Machine, PlantState, Scope, Unit
 from edmctl.simulator.unit import RandomBlocks, draw_actuator, set_actuator
-from edmctl.simulator.work_under_tool import Chips, Hole, WorkUnderTool
+from edmctl.simulator.work_under_tool import Chips, WorkUnderTool
 
 CONTACT_COMPLIANCE = 0.1  # travel of the tool end into the work per µm of free travel beyond [assumed]
 PARK_X_UM = -5000.0
@@ -78,29 +78,6 @@ class Wiring:
     flow_open: bool = False
     x_share: float = 1.0  # way of the X stage over the way asked for: reversed -1, 0 without steps
     xy_swapped: bool = False
-
-    def seen(self, real: Inputs) -> Inputs:
-        """Return what reaches the controller of what is really so."""
-        estop, door_open = real.estop, real.door_open
-        if self.estop_door_swapped:
-            estop, door_open = door_open, estop
-        return Inputs(
-            estop or self.estop_open,
-            door_open and not self.door_bridged,
-            real.hv_supply_ok or self.supply_bridged,
-            real.level_ok != self.level_inverted,
-            real.limit_switch,
-            0.0 if self.flow_open else real.flow_lpm,
-            real.temperature_c,
-            real.monitor_v,
-        )
-
-    def drives(self, axis: int) -> tuple[int, float]:
-        """Return which stage the steps of an axis move, and by what share of the way."""
-        if axis not in (STAGE_X, STAGE_Y):
-            return axis, 1.0
-        share = self.x_share if axis == STAGE_X else 1.0
-        return (STAGE_X + STAGE_Y - axis if self.xy_swapped else axis), share
 
 
 class Plant:
@@ -167,10 +144,6 @@ class Plant:
                 setattr(machine, name, place)
         return machine
 
-    @property
-    def tool_wear_um(self) -> float:
-        return self.state.wear_um
-
     def fit_tool(self, label: str, diameter_um: float, tool_wear: float, tip_rounding_um: float) -> None:
         """Put a tool in, as long as its gauge says unless it was here before; the one that is in keeps its wear."""
         before = self.config
@@ -185,31 +158,27 @@ class Plant:
             return
         self.leave()
         if label != before.tool_label:
-            self.tools_worn_um[before.tool_label] = self.tool_wear_um
+            self.tools_worn_um[before.tool_label] = self.state.wear_um
             self.state.wear_um = self.tools_worn_um.pop(label, 0.0)
         self._set_tool()
         self._set_hole()
-        self.work_under_tool.set_tool(self.config)
+        self.work_under_tool.config = self.config
         self.chips.tool_diameter_um = diameter_um
         self.arrive()
-
-    def true_holes(self) -> tuple[Hole, ...]:
-        """Every hole with its present depth."""
-        return self.work_under_tool.true_holes()
 
     def stage_lands(self, axis: int, target: float) -> None:
         """Put an axis (0 x, 1 y in µm; 2 theta in degrees) where the stage really stops; it reports `target`."""
         self.leave()
         way = target - self.reported[axis]
         self.reported[axis] = target
-        s = self.config.sensors
-        driven, share = self.wiring.drives(axis)
+        s, wiring = self.config.sensors, self.wiring
+        share = wiring.x_share if axis == STAGE_X else 1.0
         if axis == 2:
             self.theta_deg = target + s.rotary_sd_deg * self._stage_noise.standard_normal()
-        elif (driven, share) == (axis, 1.0):
-            self.position_um[axis] = target + s.stage_sd_um * self._stage_noise.standard_normal()
+        elif wiring.xy_swapped or share != 1.0:
+            self.position_um[STAGE_X + STAGE_Y - axis if wiring.xy_swapped else axis] += share * way
         else:
-            self.position_um[driven] += share * way
+            self.position_um[axis] = target + s.stage_sd_um * self._stage_noise.standard_normal()
         self.arrive()
 
     def draw_line_error(self, row: int) -> None:
@@ -302,7 +271,6 @@ class Plant:
 
     @property
     def hv_supply_ok(self) -> bool:
-        """Whether the high-voltage supply is on."""
         return not self.unit.supply_off
 
     @hv_supply_ok.setter
@@ -311,22 +279,18 @@ class Plant:
 
     def inputs(self) -> Inputs:
         """What the controller sees of switches and slow sensors now, as they are wired."""
-        return self.wiring.seen(
-            Inputs(
-                self.estop,
-                self.door_open,
-                self.hv_supply_ok,
-                self.dielectric_level_ok,
-                self.limit_switch,
-                self.dielectric_flow_lpm,
-                self.dielectric_temperature_c,
-                self.monitor_v(),
-            )
+        wiring, switches = self.wiring, (self.estop, self.door_open)
+        estop, door_open = reversed(switches) if wiring.estop_door_swapped else switches
+        return Inputs(
+            estop=estop or wiring.estop_open,
+            door_open=door_open and not wiring.door_bridged,
+            hv_supply_ok=self.hv_supply_ok or wiring.supply_bridged,
+            level_ok=self.dielectric_level_ok != wiring.level_inverted,
+            limit_switch=self.limit_switch,
+            flow_lpm=0.0 if wiring.flow_open else self.dielectric_flow_lpm,
+            temperature_c=self.dielectric_temperature_c,
+            monitor_v=self.unit.monitor_gain * self.state.amplifier_v + self.unit.monitor_zero_v,
         )
-
-    def monitor_v(self) -> float:
-        """What the voltage monitor of the actuator's amplifier reads now."""
-        return self.unit.monitor_gain * self.state.amplifier_v + self.unit.monitor_zero_v
 
     def _set_discharge(self) -> None:
         unit, d = self.unit, self.discharge

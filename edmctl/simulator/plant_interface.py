@@ -1,7 +1,7 @@
 """Between controller and plant: all that a controller can tell the machine, and all that it can read of it.
 
-A controller is whatever is called once a millisecond with these two records: it looks at `Readings` and sets
-`Drive`. They are laid out as C lays out its structs, so that a controller need not be written in Python.
+A controller is called once a millisecond with these two records, laid out as C structs: it reads `Readings` and sets
+`Drive`.
 """
 
 from __future__ import annotations
@@ -25,9 +25,7 @@ class Drive(Record):
     pulses_on: int  # the gate of the generator
     generator: int  # mode switch, 1: generator at the gap; 0: contact circuit there
     pulse_starts: int  # so often the gate was opened: with another one the period of the pulses begins anew
-    contact_tests: (
-        int  # so often the contact circuit was set for another touch after the first one of a touch-off
-    )
+    contact_tests: int  # further touches of a touch-off for which the contact circuit was set
     stage_x_um: float  # where the stages are to report to be
     stage_y_um: float
     stage_moves: int  # 1: the stages went along the path in the millisecond that ends

@@ -109,9 +109,7 @@ class Unit(Record):
     gap_wire: float  # share of the gap voltage that is read; reversed -1, 0 where its wire is off
     gate_stuck: int  # the generator is on whatever the gate says
     gate_open: int  # and this one never
-    mode_stuck: (
-        int  # where the mode switch stands whatever it is told: STUCK_AT_GENERATOR or _AT_CONTACT, or 0
-    )
+    mode_stuck: int  # position of a stuck mode switch: STUCK_AT_GENERATOR or _AT_CONTACT, or 0
     supply_off: int  # of the high voltage
     battery_v: float
 

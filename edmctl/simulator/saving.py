@@ -156,7 +156,7 @@ def _restore_record(record: Record, state: State) -> None:
 
 
 def _plant_state(plant: Plant) -> State:
-    holes, ground, random = plant.true_holes(), plant.work_under_tool, plant.random
+    holes, ground, random = plant.work_under_tool.true_holes(), plant.work_under_tool, plant.random
     ground.settle()
     tiles = ground.work.tiles
     state: dict[str, Any] = {name: _record_state(getattr(plant, name)) for name in _RECORDS}

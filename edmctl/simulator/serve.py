@@ -38,8 +38,7 @@ _PARTS = re.compile(rb"\0+|[^\0]+\0?")
 class Traffic:
     """Frames both ways, frames that a client did not fetch, and how the clock kept up with the wall's.
 
-    slowest_s : longest time that the controller's clock was late, s.
-    paused_s : time that it was set back by because the computer was away or too slow, s.
+    slowest_s : longest time that the controller's clock was late. paused_s : time by which it was set back.
     """
 
     frames_in: int = 0

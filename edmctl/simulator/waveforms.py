@@ -27,7 +27,7 @@ SHARE_AFTER = 5
 WAVEFORM_PER_REPLY = 58
 _LONG_AGO_NS = -1e18
 _RECORD = WaveformReadReply.record_dtype()
-_V_PER_COUNT, _A_PER_COUNT = 0.01, 0.001
+_PER_COUNT = 0.01, 0.001  # V and A
 PULSE_COLUMNS = ("start_ns", "delay_us", "discharge_us", "plateau_v", "siemens", "leak_a", "stuck_v")
 PULSE = np.dtype([(name, np.float64) for name in PULSE_COLUMNS])
 """A pulse of `Scope`."""
@@ -128,10 +128,6 @@ class Waveforms:
         self._records = b""
         self.forget()
 
-    @property
-    def _most_after(self) -> int:
-        return self.memory // SHARE_AFTER
-
     def forget(self) -> None:
         """Begin anew, as after a reset or with another setting of the generator; what is frozen stays."""
         self._plant.scope.array("start_ns")[:] = _LONG_AGO_NS
@@ -142,16 +138,13 @@ class Waveforms:
             return
         plant, fault_ns = self._plant, now * TICK_NS
         period_ns = plant.unit.pulse_period_ns
-        oldest_ns = fault_ns - min(PULSES_BEFORE * period_ns, (self.memory - self._most_after) * SAMPLE_NS)
+        oldest_ns = fault_ns - min(
+            PULSES_BEFORE * period_ns, (self.memory - self.memory // SHARE_AFTER) * SAMPLE_NS
+        )
         ring = np.rec.fromarrays([plant.scope.array(name) for name in PULSE_COLUMNS], PULSE)
         rows = ring[ring["start_ns"].argsort(kind="stable")]
-        self.frozen = RecentPulses(
-            rows=rows[rows["start_ns"] >= oldest_ns],
-            fault_ns=fault_ns,
-            period_ns=period_ns,
-            open_v=plant.unit.open_v,
-            on_time_us=plant.unit.on_time_us,
-        )
+        rows = rows[rows["start_ns"] >= oldest_ns]
+        self.frozen = RecentPulses(rows, fault_ns, period_ns, plant.unit.open_v, plant.unit.on_time_us)
         self.boot_ns = start * TICK_NS
         self._records = b""
 
@@ -179,17 +172,15 @@ class Waveforms:
     def window_ns(self, pulses: RecentPulses) -> tuple[int, int]:
         """From when to when samples are held of these pulses."""
         begin_ns = int(pulses.rows["start_ns"][0]) // SAMPLE_NS * SAMPLE_NS
-        return begin_ns, pulses.fault_ns + min(PERIODS_AFTER * pulses.period_ns, self._most_after * SAMPLE_NS)
+        return begin_ns, pulses.fault_ns + min(
+            PERIODS_AFTER * pulses.period_ns, self.memory // SHARE_AFTER * SAMPLE_NS
+        )
 
     def _drawn(self, pulses: RecentPulses, begin_ns: int, total: int) -> bytes:
         """Every sample as the wire carries it. The noise is the machine's and the moment's own."""
         random = np.random.default_rng([*self._plant.serial.encode(), pulses.fault_ns // TICK_NS])
-        v, a = gap_signals(pulses, begin_ns, total, random)
-        records = np.zeros(total, dtype=_RECORD)
-        records["gap_v"], records["current_a"] = _counts(v, _V_PER_COUNT), _counts(a, _A_PER_COUNT)
+        signals = gap_signals(pulses, begin_ns, total, random)
+        records, limits = np.zeros(total, dtype=_RECORD), np.iinfo(np.int16)
+        for name, values, per_count in zip(("gap_v", "current_a"), signals, _PER_COUNT, strict=True):
+            records[name] = np.clip(np.rint(values / per_count), limits.min, limits.max)
         return records.tobytes()
-
-
-def _counts(values: NDArray[np.float64], per_count: float) -> NDArray[np.float64]:
-    limits = np.iinfo(np.int16)
-    return np.clip(np.rint(values / per_count), limits.min, limits.max)

@@ -24,6 +24,8 @@ from edmctl.simulator.workpiece import Footprint, Tip, Workpiece
 NO_LEVELS = np.array([[math.inf], [1.0], [1.0]])
 EDGE_X_UM = -2000.0  # the work begins here; the parking place lies beyond
 
+_SURFACE = ("wall_um", "crater_um3", "crater_um6", "arc_um3")
+"""What the surface of a hole comes from (plant_state.py)."""
 LOOK_TICKS = 10
 """Lifts and sparks are looked for this often while there is a chip; a jump takes longer."""
 LIFT_UM = 20.0
@@ -71,13 +73,14 @@ class Hole:
 
 
 class WorkUnderTool:
-    """The work under one tool. `levels` is the table for the plant, `solid` whether there is anything to meet.
+    """The work under one tool, which is that of `config` from the next place on.
 
-    `work` is the height map, `holes` is what was cut by a tool that stood.
+    levels : table for the plant. solid : whether there is anything to meet. work : the height map.
+    holes : what was cut by a tool that stood.
     """
 
     def __init__(self, config: BenchConfig, unit: Unit, state: PlantState) -> None:
-        self._config = config
+        self.config = config
         self._unit, self._state = unit, state
         self.work = Workpiece(config.cell_um)
         self.holes: list[Hole] = []
@@ -90,27 +93,17 @@ class WorkUnderTool:
         self._found_um = 0.0
         self._stands = True
 
-    def set_tool(self, config: BenchConfig) -> None:
-        """Let another tool be over the work from the next place on."""
-        self._config = config
-
     def arrive(self, x_um: float, y_um: float) -> None:
         """Stand at a place: in a hole, on the face of the work, or beside it."""
-        self.here = next(
-            (
-                h
-                for h in self.holes
-                if math.hypot(h.x_um - x_um, h.y_um - y_um) <= max(h.side_gap_um, self.side_gap_um)
-            ),
-            None,
-        )
+        gap_um, self.here = self.side_gap_um, None
+        for hole in reversed(self.holes):
+            if math.hypot(hole.x_um - x_um, hole.y_um - y_um) <= max(hole.side_gap_um, gap_um):
+                self.here = hole
         self._stands = True
         self._take_up(x_um, y_um)
-        state = self._state
-        self._found_um = state.crater_depth_um = state.depth_um
-        surface = self.here or Hole(x_um, y_um, 0.0)
-        state.wall_um, state.crater_um3 = surface.wall_um, surface.crater_um3
-        state.crater_um6, state.arc_um3 = surface.crater_um6, surface.arc_um3
+        self._found_um = self._state.crater_depth_um = self._state.depth_um
+        for name in _SURFACE:
+            setattr(self._state, name, getattr(self.here, name, 0.0))
 
     def leave(self) -> None:
         """Remember what became of the work here, before the stage moves."""
@@ -142,7 +135,7 @@ class WorkUnderTool:
         return work.region()
 
     def _take_up(self, x_um: float, y_um: float) -> None:
-        c, state = self._config, self._state
+        c, state = self.config, self._state
         self._place = (x_um, y_um)
         state.per_hole_area, state.rarity = self._unit.per_disc_area, 1.0
         state.level_at, state.next_level_um = 0, math.inf
@@ -172,11 +165,11 @@ class WorkUnderTool:
         if self.here is None:
             self.here = Hole(*self._place, depth_um)
             self.holes.append(self.here)
-        self.here.depth_um = min(depth_um, self._config.thickness_um)
+        self.here.depth_um = min(depth_um, self.config.thickness_um)
         self.here.through = not self.solid
         self.here.side_gap_um = max(self.here.side_gap_um, self.side_gap_um)
-        self.here.wall_um, self.here.crater_um3 = self._state.wall_um, self._state.crater_um3
-        self.here.crater_um6, self.here.arc_um3 = self._state.crater_um6, self._state.arc_um3
+        for name in _SURFACE:
+            setattr(self.here, name, getattr(self._state, name))
 
 
 @dataclass(slots=True)
@@ -193,12 +186,10 @@ class Chip:
 class Chips:
     """Chips that lie on the work: where the tool comes over one, contact closes earlier by the chip's height.
 
-    A chip lies at a point, as wide as it is high; a tool that stands further off than its radius and half the chip
-    misses it. A loose one may be washed away whenever the tool lifts off it, a firm one stays. Sparks strike the
-    nearest point, so they eat the chip before anything else. The random numbers are its own: a machine without chips
-    is not changed by them.
+    A chip is at a point, as wide as it is high. A loose one may be washed away whenever the tool lifts off it.
+    Sparks strike the nearest point, so they erode the chip first. Chips have random numbers of their own.
 
-    changed : called when another height lies under the tool.
+    changed : called when another height is under the tool.
     """
 
     def __init__(
@@ -237,7 +228,7 @@ class Chips:
         return max((chip.height_um for chip in self.lying if self._is_under(chip)), default=0.0)
 
     def next_tick(self, now: int) -> int | None:
-        """The tick at which to look again; None while there is no chip."""
+        """Return the tick at which to look again; None without a chip."""
         return now + LOOK_TICKS if self.lying else None
 
     def look(self) -> None:

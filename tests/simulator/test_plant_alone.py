@@ -64,7 +64,7 @@ def test_a_plain_callable_drives_the_plant() -> None:
     assert plant.readings.tick == 5000
     assert by_hand.pulses == pytest.approx(5000 * 2.3, rel=0.01)
     assert plant.state.depth_um > 0.3
-    assert plant.tool_wear_um > 0.05
+    assert plant.state.wear_um > 0.05
     assert abs(plant.readings.sensor_um - plant.state.true_z_um) < 1.0
 
 
