@@ -25,8 +25,7 @@ from edmctl.cli.signals import shell
 from edmctl.jsonout import render_json
 
 if TYPE_CHECKING:
-    from edmctl.board.first_start.checklist import FirstStartReport, Item
-    from edmctl.board.first_start.person import Person
+    from edmctl.board.first_start.checklist import FirstStartReport, Item, Person
     from edmctl.machine.controller import LinkMachine
 
 AnswersOption = Annotated[

@@ -8,7 +8,7 @@ from contextlib import suppress
 from enum import StrEnum
 from importlib.resources import files
 from statistics import fmean
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import EdmError, Interrupted, LinkLost, MachineFault, UsageError
@@ -17,7 +17,6 @@ from edmctl.machine.faults import FaultLatched
 from edmctl.machine.interface import MachineStatus
 
 if TYPE_CHECKING:
-    from edmctl.board.first_start.person import Person
     from edmctl.machine.controller import LinkMachine
     from edmctl.profile.setup import Setup
 
@@ -130,6 +129,16 @@ YES_NO = ["yes", "no"]
 ACTS = {key: Prompt(key, **{"options": ["done"], **row}) for key, row in DECLARED["acts"].items()}
 QUESTIONS = {key: Prompt(key, **{"options": YES_NO, **row}) for key, row in DECLARED["questions"].items()}
 PROMPTS = ACTS | QUESTIONS
+
+
+class Person(Protocol):
+    """Acts and answers."""
+
+    def ask(self, key: str) -> str:
+        """Return one of the options, or a number; empty for skipped."""
+
+    def has_answered(self, key: str) -> bool:
+        """Whether the answer is known beforehand and replaces the hands and eyes of a virtual machine."""
 
 
 class Skip(Exception):

@@ -5,24 +5,13 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
 
 from edmctl import failures
-from edmctl.board.first_start.checklist import ACTS, PROMPTS, QUESTIONS, YES_NO
+from edmctl.board.first_start.checklist import ACTS, PROMPTS, QUESTIONS, YES_NO, Person
 from edmctl.files import read_bytes
 from edmctl.link.messages import Axis
 from edmctl.simulator import VirtualBench
 from edmctl.simulator.injection import BATTERY_V, LOW_BATTERY_V, parse_injection
-
-
-class Person(Protocol):
-    """Acts and answers."""
-
-    def ask(self, key: str) -> str:
-        """Return one of the options, or a number; empty for skipped."""
-
-    def has_answered(self, key: str) -> bool:
-        """Whether the answer is known beforehand and replaces the hands and eyes of a virtual machine."""
 
 
 class Answers:

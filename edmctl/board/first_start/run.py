@@ -8,8 +8,8 @@ from datetime import UTC, datetime
 
 from edmctl import failures
 from edmctl.board.first_start import actuator, cold, generator, stages  # noqa: F401  # declare the checks
-from edmctl.board.first_start.checklist import Checklist, FirstStartReport, Item, ItemStatus
-from edmctl.board.first_start.person import Person, VirtualHands
+from edmctl.board.first_start.checklist import Checklist, FirstStartReport, Item, ItemStatus, Person
+from edmctl.board.first_start.person import VirtualHands
 from edmctl.errors import EdmError
 from edmctl.jobs.connect import connected
 from edmctl.jobs.plan import MachineAddress
