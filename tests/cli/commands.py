@@ -9,7 +9,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from edmctl.core.build import CACHE_VARIABLE
 
@@ -97,6 +97,30 @@ def in_a_shell(
             out, err = shell.communicate()
             raise AssertionError(f"{arguments} took over {timeout_s:g} s:\n{out}\n{err}") from None
     return subprocess.CompletedProcess(arguments, shell.returncode, out, err)
+
+
+def start(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
+    """Start a command in a process of its own, with pipes for its streams."""
+    return subprocess.Popen(
+        command(*arguments),
+        cwd=cwd,
+        env=environment(),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+    )
+
+
+def read_until(stream: IO[str] | None, part: str) -> str:
+    """Read lines until one holds `part`."""
+    assert stream is not None
+    lines = ""
+    for line in stream:
+        lines += line
+        if part in line:
+            return lines
+    raise AssertionError(f"{part!r} never came; there was:\n{lines}")
 
 
 def in_process_of_its_own(*arguments: str, cwd: Path, **changes: str) -> Said:

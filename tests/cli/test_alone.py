@@ -17,8 +17,7 @@ from edmctl.app import main
 from edmctl.jsonout import to_json_value
 from edmctl.record.ledger import Ledger, ReferenceTouched, SiteMachined
 from edmctl.simulator import BenchConfig, VirtualBench
-from tests.cli.commands import CU270, SHALLOW, Here, Said
-from tests.cli.test_processes import read_until, start
+from tests.cli.commands import CU270, SHALLOW, Here, Said, read_until, start
 from tests.golden import once
 from tests.tiers import tiers
 

@@ -19,9 +19,8 @@ from edmctl.record import journal
 from edmctl.record.bench_file import bench_lock, read_bench, write_bench
 from edmctl.record.ledger import UNFINISHED, Ledger, SiteMachined, WearMeasured, history_of
 from edmctl.simulator.saving import bench_state, restored_bench
-from tests.cli.commands import CU270, SHALLOW, Here
+from tests.cli.commands import CU270, SHALLOW, Here, start
 from tests.cli.left_jobs import at_time_of_cut, stop
-from tests.cli.test_processes import start
 from tests.golden import once
 from tests.tiers import tiers
 

@@ -17,7 +17,6 @@ from edmctl import api
 from edmctl.app import command_tree
 from edmctl.core.build import cache_folder
 from edmctl.errors import ProfileError, UsageError
-from edmctl.exitcodes import ExitCode
 from edmctl.failures import Code
 from edmctl.files import read_bytes, user_path
 from edmctl.jobs.connect import secret_of
@@ -238,14 +237,6 @@ def test_every_run_reports_which_file_it_uses(here: Here, tmp_path: Path) -> Non
     said = here("study", "plan", "taguchi-l9", "--json")
     assert "study: taguchi-l9 (shipped with edmctl)\nprofile: cu270 (shipped with edmctl)\n" in said.err
     assert Path(said.document["files"]["profile"]) == shipped_folder() / "cu270.toml"
-
-
-@pytest.mark.parametrize("group", ["run", "study", "firmware", "profile"])
-def test_a_group_without_a_command_writes_its_help_to_stderr(group: str, here: Here) -> None:
-    said = here(group)
-    assert said.exit_code == ExitCode.USAGE
-    assert said.out == ""
-    assert said.err == here(group, "--help").out
 
 
 def test_a_bare_word_is_the_id_of_a_run_and_a_name_with_an_ending_a_file(tmp_path: Path, home: Path) -> None:

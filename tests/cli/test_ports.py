@@ -17,8 +17,7 @@ from edmctl.link.opening import open_line
 from edmctl.link.ports import ST_LINK_IDS, PortInfo
 from edmctl.profile.setup import Link
 from edmctl.simulator import BenchConfig, open_bench
-from tests.cli.commands import ROOT, Here, Said
-from tests.cli.test_processes import read_until, start
+from tests.cli.commands import ROOT, Here, Said, read_until, start
 from tests.serving import serving
 
 MEGA = PortInfo("/dev/ttyACM77", "Arduino Mega", "2341:0042", "7573")

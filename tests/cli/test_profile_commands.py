@@ -14,7 +14,7 @@ from edmctl.exitcodes import ExitCode
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.folders import shipped_profiles
 from edmctl.toml_text import toml_value
-from tests.cli.commands import CU270, ROOT, Here
+from tests.cli.commands import ROOT, Here
 from tests.tiers import tiers
 
 
@@ -53,25 +53,20 @@ def test_shipped_profiles_are_listed_with_what_they_take(here: Here) -> None:
     assert array["tool_wear_um"] == pytest.approx(9 * 0.427 * 20.0)
 
 
-def test_json_has_defaults_and_the_schema_every_table(here: Here) -> None:
-    result = here("profile", "show", CU270, "--json").document["result"]
-    assert result["meta"]["schema"] == 1
-    assert result["pulse"]["discharge_voltage_v"] == 22.0
+def test_show_is_a_profile_that_loads_again_and_json_has_defaults_and_the_schema_every_table(
+    here: Here,
+) -> None:
+    changed = ("w252", "--set", "servo.reference=0.75")
+    shown = here("profile", "show", *changed)
+    assert (shown.exit_code, tomllib.loads(shown.out)["servo"]["reference"]) == (0, 0.75)
+    result = here("profile", "show", *changed, "--json").document["result"]
+    assert (result["meta"]["schema"], result["pulse"]["discharge_voltage_v"]) == (1, 22.0)
     assert "spread" in result["sim"]
+    Path("again.toml").write_text(shown.out, encoding="utf-8")
+    assert here("profile", "show", "again.toml", "--json").document["result"] == result
     schema = json.loads(here("profile", "schema").out)
     assert {"meta", "tool", "pulse", "servo", "target", "sim", "extends"} <= set(schema["properties"])
     assert here("profile", "schema", "--json").document["result"] == schema
-
-
-def test_show_is_a_profile_that_loads_again(here: Here) -> None:
-    shown = here("profile", "show", "w252", "--set", "servo.reference=0.75")
-    assert shown.exit_code == 0
-    assert "servo.reference" in shown.out
-    assert tomllib.loads(shown.out)["servo"]["reference"] == 0.75
-    Path("again.toml").write_text(shown.out, encoding="utf-8")
-    again = here("profile", "show", "again.toml", "--json")
-    first = here("profile", "show", "w252", "--set", "servo.reference=0.75", "--json")
-    assert again.document["result"] == first.document["result"]
 
 
 def outcome_of(name: str, *overrides: str) -> object:
@@ -133,18 +128,16 @@ def test_show_comments_out_what_the_profile_does_not_state_and_names_no_path(her
     assert str(ROOT) not in shown
 
 
-@pytest.mark.parametrize("name", shipped_profiles())
-def test_new_copies_a_shipped_profile_and_never_overwrites(here: Here, name: str) -> None:
-    said = here("profile", "new", "mine.toml", "--from", name)
-    assert said.exit_code == 0
-    assert "edmctl profile check mine.toml" in said.out
-    assert Path("mine.toml").read_bytes() == (ROOT / "profiles" / f"{name}.toml").read_bytes()
-    assert outcome_of("mine.toml") == outcome_of(name)
-    Path("mine.toml").write_text("mine", encoding="utf-8")
-    again = here("profile", "new", "mine.toml", "--from", name)
-    assert again.exit_code == ExitCode.RUN_FILE
-    assert Path("mine.toml").read_text(encoding="utf-8") == "mine"
-    assert here("profile", "new", "other.toml", "--from", "./mine.toml").exit_code == ExitCode.USAGE
+def test_new_copies_a_shipped_profile_and_never_overwrites(here: Here) -> None:
+    for name in shipped_profiles():
+        said = here("profile", "new", f"my-{name}.toml", "--from", name)
+        assert (said.exit_code, f"edmctl profile check my-{name}.toml" in said.out) == (0, True)
+        copied = Path(f"my-{name}.toml").read_bytes()
+        assert copied == (ROOT / "profiles" / f"{name}.toml").read_bytes()
+    assert outcome_of("my-array-3x3.toml") == outcome_of("array-3x3")
+    assert here("profile", "new", f"my-{name}.toml", "--from", "cu150").exit_code == ExitCode.RUN_FILE
+    assert Path(f"my-{name}.toml").read_bytes() == copied
+    assert here("profile", "new", "other.toml", "--from", f"./my-{name}.toml").exit_code == ExitCode.USAGE
 
 
 def keys_of(schema: dict[str, Any], table: str) -> set[str]:

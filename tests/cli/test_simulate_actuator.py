@@ -86,7 +86,7 @@ def test_the_papers_practice_is_several_times_worse_and_in_the_papers_own_range(
         assert waveform.models["paper"].rms_um > 2.5 * waveform.models["ours"].rms_um
 
 
-def test_figures_are_errors_against_the_truth_with_one_zero_a_waveform(five: Trial) -> None:
+def test_figures_are_errors_against_the_truth_with_one_zero_a_waveform(five: Trial, tmp_path: Path) -> None:
     for waveform, trace in zip(five.waveforms, five.traces, strict=True):
         assert waveform.truth.range_um == pytest.approx(np.ptp(trace.truth_um))
         for key, errors in waveform.models.items():
@@ -95,13 +95,15 @@ def test_figures_are_errors_against_the_truth_with_one_zero_a_waveform(five: Tri
             assert errors.max_um == pytest.approx(np.abs(off_um).max())
             assert errors.rms_pct == pytest.approx(100.0 * off_um.std() / five.stroke_um)
     assert five.stroke_um == pytest.approx(445.0, abs=20.0)
-
-
-def test_the_trial_drives_the_unit_of_the_seed_from_rest(five: Trial) -> None:
     (jumps,) = waveforms(Wanted("jumps", None, None, None, None, None))
     driven = VirtualActuator(3).drive(jumps.command_v)
     assert np.array_equal(five.traces[3].truth_um, driven.truth_um)
     assert np.array_equal(five.traces[3].sensor_um, driven.sensor_um)
+    write_data(five.traces, tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r") as file:
+        number, t_s = file["waveform"][:], file["t_s"][:]
+    assert np.unique(number).tolist() == [1, 2, 3, 4, 5]  # waveforms are numbered, and each starts at 0 s
+    assert np.array_equal(t_s[np.flatnonzero(np.diff(number)) + 1], np.zeros(4))
 
 
 def test_the_result_is_a_table_for_people_and_keys_with_units_for_scripts(
@@ -124,7 +126,6 @@ def test_the_result_is_a_table_for_people_and_keys_with_units_for_scripts(
 
 
 def test_figure_and_data_are_written_and_the_same_for_the_same_seed(here: Here, calibration: str) -> None:
-    pytest.importorskip("matplotlib")
     known = (*SHORT, "--calibration", calibration)
     for name in ("a", "b"):
         said = here(*known, "--plot", f"{name}.svg", "--data", f"{name}.csv", "--json")
@@ -159,14 +160,6 @@ def test_a_voltage_from_a_file_is_applied_as_straight_lines_as_steep_as_the_mach
     (warning,) = said.document["warnings"]
     assert warning["code"] == "W8103"
     assert "up to 99.0 V away" in warning["message"]
-
-
-def test_data_of_several_waveforms_are_numbered(five: Trial, tmp_path: Path) -> None:
-    write_data(five.traces, tmp_path / "a.h5")
-    with h5py.File(tmp_path / "a.h5", "r") as file:
-        number, t_s = file["waveform"][:], file["t_s"][:]
-    assert np.unique(number).tolist() == [1, 2, 3, 4, 5]
-    assert np.array_equal(t_s[np.flatnonzero(np.diff(number)) + 1], np.zeros(4))
 
 
 def test_options_of_a_job_and_of_the_subcommand_are_kept_apart(here: Here) -> None:

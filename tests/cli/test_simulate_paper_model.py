@@ -81,7 +81,6 @@ def test_all_figures_are_the_default(here: Here) -> None:
 
 
 def test_a_figure_is_a_table_keys_with_units_and_files(here: Here) -> None:
-    pytest.importorskip("matplotlib")
     said = here(*PAPER, "fig3b", "--plot", "a.svg", "--data", "a.csv", "--json")
     assert said.exit_code == 0
     result = said.document["result"]

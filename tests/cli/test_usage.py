@@ -12,8 +12,9 @@ import pytest
 from edmctl.app import command_tree
 from edmctl.cli.render.help import render_help
 from edmctl.cli.render.terminal import Style
-from edmctl.errors import EdmError
+from edmctl.errors import EdmError, UsageError
 from edmctl.exitcodes import MEANING, ExitCode
+from edmctl.jobs.sweep import seed_to_use
 from edmctl.version import __version__
 from tests.cli.commands import CU270, Here
 
@@ -58,87 +59,51 @@ def test_a_mistake_is_named_on_stderr_and_in_the_json_object(
         assert text.endswith((".", "?")) or "--sweep" in text, f"{text!r} is no sentence"
 
 
-def test_a_profile_for_a_setup_is_one_mistake(here: Here) -> None:
-    said = here("machine", "--profile", "cu270", "--setup", CU270, "--dry-run")
-    assert said.exit_code == ExitCode.PROFILE
-    assert said.err.count("error[") == 1
-    assert f"say --profile {CU270}" in said.err
-
-
-SOUND = Path(CU270).read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "code"),
-    [
-        pytest.param("reference = 0.80", "reference = = 0.80", "E3001", id="bad TOML"),
-        pytest.param("reference = 0.80", 'reference = "0.80"', "E3004", id="wrong type"),
-        pytest.param("duty = 0.30", "duty = 0.90", "E3005", id="out of range"),
-        pytest.param("hysteresis = 0.02", "hysterisis = 0.02", "E3003", id="unknown key"),
-        pytest.param('mode = "relay"', 'mode = "fuzzy"', "E3006", id="no choice"),
-        pytest.param("depth_um = 180.0", "depth_um = 320.0", "E3102", id="unreachable depth"),
-    ],
-)
-@pytest.mark.parametrize("dry", [["--dry-run"], []], ids=["dry", "run"])
-def test_a_bad_profile_is_refused_at_its_line(
-    here: Here, before: str, after: str, code: str, dry: list[str]
-) -> None:
-    assert SOUND.count(before) == 1, f"cu270.toml no longer holds {before!r} once"
-    line = SOUND[: SOUND.index(before)].count("\n") + 1
-    Path("bad.toml").write_text(SOUND.replace(before, after), encoding="utf-8")
-    said = here("machine", "--profile", "bad.toml", *dry, "--json")
-    assert said.exit_code == 3
-    for part in (f"error[{code}]", f"--> bad.toml:{line}:", "^"):
-        assert part in said.err
-    error = said.document["error"]
-    assert (error["code"], error["file"], error["line"]) == (code, "bad.toml", line)
-    assert isinstance(error["column"], int)
+def test_a_bad_profile_is_refused_at_its_lines_all_of_them_at_once(here: Here) -> None:
+    """Each mistake by itself is tested in tests/planning/rules."""
+    text = Path(CU270).read_text(encoding="utf-8")
+    for before, after in (("duty = 0.30", "duty = 0.90"), ("hysteresis = 0.02", "hysterisis = 0.02")):
+        assert text.count(before) == 1, f"cu270.toml no longer holds {before!r} once"
+        text = text.replace(before, after)
+    line = text[: text.index("duty = 0.90")].count("\n") + 1
+    Path("bad.toml").write_text(text, encoding="utf-8")
+    for dry in (["--dry-run"], []):
+        said = here("machine", "--profile", "bad.toml", *dry, "--json")
+        assert said.exit_code == 3
+        for part in ("error[E3005]", f"--> bad.toml:{line}:", "^", "2 errors"):
+            assert part in said.err
+        error = said.document["error"]
+        assert {problem["code"] for problem in error["all"]} == {"E3003", "E3005"}
+        (place,) = (one for one in error["all"] if one["code"] == "E3005")
+        assert (place["file"], place["line"]) == ("bad.toml", line)
     assert not Path("runs").exists()
-
-
-def test_every_mistake_is_told_at_once(here: Here) -> None:
-    text = SOUND.replace("duty = 0.30", "duty = 0.90").replace("hysteresis = 0.02", "hysterisis = 0.02")
-    Path("two.toml").write_text(text, encoding="utf-8")
-    said = here("machine", "--profile", "two.toml", "--json")
-    assert {problem["code"] for problem in said.document["error"]["all"]} == {"E3003", "E3005"}
-    assert "2 errors" in said.err
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--profile", "cu270", "--set", "servo.reference=0.42"), "--set:1:"),
-        (("--profile", "cu270", "--setup", "nowhere.toml"), "nowhere.toml"),
-        (("--profile", "folder.toml"), "folder.toml"),
+        ("--profile cu270 --set servo.reference=0.42", "--set:1:"),
+        ("--profile cu270 --setup nowhere.toml", "nowhere.toml"),
+        ("--profile folder.toml", "folder.toml"),
+        (f"--profile cu270 --setup {CU270} --dry-run", f"say --profile {CU270}"),
     ],
 )
-def test_overrides_and_files_are_checked_like_the_profile(
-    here: Here, options: tuple[str, ...], words: str
-) -> None:
+def test_overrides_and_files_are_checked_like_the_profile(here: Here, options: str, words: str) -> None:
     Path("folder.toml").mkdir()
-    said = here("machine", *options)
-    assert said.exit_code == 3
+    said = here("machine", *options.split())
+    assert (said.exit_code, said.err.count("error[")) == (3, 1)
     assert words in said.err
 
 
-def test_without_a_command_there_is_help(here: Here) -> None:
-    said = here()
-    assert said.exit_code == ExitCode.USAGE
-    assert said.out == ""
-    assert "Commands:" in said.err
-
-
-def test_help_lists_commands_and_every_exit_code(here: Here) -> None:
-    said = here("--help")
-    assert said.exit_code == 0
-    for command in ("machine", "simulate", "profile"):
-        assert f"\n  {command} " in said.out
-    for code, meaning in MEANING.items():
-        assert f"{code:d}  {meaning}" in said.out
-
-
-def test_version_also_works_before_a_command(here: Here) -> None:
-    assert here("--version", "machine").out == f"edmctl {__version__}\n"
+@pytest.mark.parametrize("group", ["", "run", "study", "firmware", "profile"])
+def test_a_group_without_a_command_writes_its_help_to_stderr(group: str, here: Here) -> None:
+    said = here(*group.split())
+    assert (said.exit_code, said.out) == (ExitCode.USAGE, "")
+    assert said.err == here(*group.split(), "--help").out
+    if not group:
+        assert all(f"\n  {command} " in said.err for command in ("machine", "simulate", "profile"))
+        assert all(f"{code:d}  {meaning}" in said.err for code, meaning in MEANING.items())
+        assert here("--version", "machine").out == f"edmctl {__version__}\n"
 
 
 def test_every_error_class_has_an_exit_code_with_a_meaning() -> None:
@@ -213,3 +178,9 @@ def test_a_dash_that_is_no_hyphen_is_named(here: Here, words: list[str], named: 
 
 def test_a_text_may_have_dashes(here: Here) -> None:
     assert "character" not in here("run", "show", "tool 2\u20133, \u2014").err
+
+
+def test_the_last_seed_fits_the_run_file_too() -> None:
+    assert seed_to_use(2**63 - 1) == 2**63 - 1
+    with pytest.raises(UsageError, match="of the first of 2 runs"):
+        seed_to_use(2**63 - 1, 2)
