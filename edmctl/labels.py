@@ -9,10 +9,9 @@ from edmctl.wording import UNKNOWN
 
 
 class Basis(StrEnum):
-    """What a depth or a wear rests on, the strongest first.
+    """What a depth or a wear is based on, the strongest first.
 
-    `TOUCHED` by the tool, with a displacement sensor; `MODEL` touched likewise where no sensor is fitted, so that
-    the displacement is that of the actuator's model; `ESTIMATED` from feed and energy, without a touch of its own.
+    `MODEL`: touched without a sensor, by the actuator's model; `ESTIMATED`: from feed and energy, without a touch.
     """
 
     TOUCHED = "touched"
@@ -30,10 +29,9 @@ class Seen(StrEnum):
 
 
 class Verdict(StrEnum):
-    """Whether a hole is what was wanted, the best first.
+    """Whether a hole meets its target, the best first.
 
-    `NOT_SHOWN`: its depth lies inside the tolerance, but half the 95 % interval is wider than the tolerance, so that
-    nobody knows. `MISSED`: its depth lies outside.
+    `NOT_SHOWN`: its depth is inside the tolerance, but half its 95 % interval is wider. `MISSED`: outside.
     """
 
     SHOWN = "shown"

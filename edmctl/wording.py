@@ -37,28 +37,9 @@ _UNITS = {
 _WORDS = {
     "sd": "standard deviation",
     "model_um": "displacement from voltage",
-    "dielectric": "temperature of the dielectric",
-    "start_um": "jumps begin at",
-    "start_v": "jumps begin at a voltage of",
-    "height mean": "height of the jumps, mean",
-    "height min": "height of the jumps, least",
-    "height max": "height of the jumps, at most",
-    "residual mean": "off its place after a jump, mean",
-    "residual max": "off its place after a jump, at most",
-    "model error mean": "off by voltage, mean",
-    "model error max": "off by voltage, at most",
-    "settling mean": "at rest after, mean",
-    "settling max": "at rest after, at most",
-    "truth": "truth (simulated)",
-    "tool wear total": "tool wear in all",
-    "wanted": "height that was wanted",
-    "ledger": "by the tool's jobs",
-    "actuator": "actuator voltage",
-    "travel": "time of travel",
+    "wanted": "height requested",
     "mrr": "removal rate",
     "ra": "Ra",
-    "depth min": "depth of the shallowest hole",
-    "spark energy": "energy of a spark",
     "depth u": "depth, standard uncertainty",
 }
 _LINK_ERRORS = "E4"
@@ -192,10 +173,9 @@ def plural(number: int, noun: str) -> str:
 
 
 def facts(result: Mapping[str, object]) -> Iterator[tuple[str, str]]:
-    """Yield the single values of a result by their names in words, with their units; lists are left out.
+    """Yield the single values of a result by their names in words, with units and 95 % half widths; no lists.
 
-    Times of the whole job, the actuator model and the link have places of their own wherever a result is shown. Half
-    of a 95 % interval stands behind what it belongs to.
+    Times of the whole job, the actuator model and the link are shown elsewhere with every result.
     """
     bare = Counter(_without_unit(key) for key in result)  # `max_um` and `max_pct` are two values
     for key, value in result.items():

@@ -95,7 +95,7 @@ class Procedure:
         }
 
 
-_MAIN_VALUES = ("kind", "displacement", "height of the jumps, mean", "Z1", "wear", "depth")
+_MAIN_VALUES = ("kind", "displacement", "height mean", "Z1", "wear", "depth")
 """Values of a short representation, by name."""
 
 

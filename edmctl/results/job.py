@@ -27,11 +27,11 @@ class FloorPlace:
 
 @dataclass(frozen=True, slots=True)
 class ChannelResult:
-    """One channel, measured by touches: `feed = depth + wear`, with standard uncertainties u and half intervals u95.
+    """One channel, measured by touches: `feed = depth + wear`; u are standard uncertainties, u95 half intervals.
 
-    `depth_um` is the mean over the places of `floor`, `floor_sd_um` their standard deviation without roughness. A
-    channel that is not `finished` was cut when its job ended early; if that was after its last measurement cycle, it
-    is estimated and `floor` is empty. `width_um` is planned, `working_gap_um` is the gap between tool and floor.
+    `depth_um` is the mean over `floor`, `floor_sd_um` its standard deviation without roughness. A channel cut after
+    its last measurement cycle is estimated and has no floor. `width_um` is planned; the working gap is below the
+    tool.
     """
 
     name: str
@@ -106,10 +106,9 @@ def word(title: str, default: object) -> Any:
 class SiteResult:
     """One hole, or a row of the results for a channel: `feed = depth + wear`. Unknown values are NaN.
 
-    u is a standard uncertainty, u95 half a 95 % interval. Z2 and Z3 of a depth that was not touched are where
-    contact would be. Wear ratios are NaN without a depth. The values by the actuator model are counted from the
-    zero-voltage hold before each touch and enter no other value. If the sensor drifts, wears that are not corrected
-    are too large by `zero_drift_um`. `drift_correction_um` needs the drift file of `measure-drift`.
+    u is a standard uncertainty, u95 half a 95 % interval. Z2 and Z3 of an untouched depth are where contact would
+    be. The values by the actuator model are counted from the zero-voltage hold before each touch and enter no other
+    value. If the sensor drifts, wears that are not corrected are too large by `zero_drift_um`.
     """
 
     name: str = quantity(TEXT, "site", "place", dtype="S128", column="site")
@@ -213,10 +212,7 @@ class Reached:
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """A standard uncertainty of the setup, by its key, and what a run has shown of it, with its uncertainty.
-
-    `found` and `found_u` are NaN where it has shown nothing.
-    """
+    """A standard uncertainty of the setup and what a run has shown of it, with its uncertainty; NaN if nothing."""
 
     name: str
     believed: float
@@ -237,13 +233,9 @@ class Belief:
 class JobResult:
     """All measured sites, or the channel, and the times of the job on the machine's clock.
 
-    `reached` is the hole that was left unmeasured, None in a job that ended in order; `tool_wear_total_um` is
-    NaN when nothing was measured. `link` says how the line did, None where the job ended before it was used.
-    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V. `beliefs` of the setup are
-    judged by what a job with holes has shown. `not_begun` names the holes that the job did not come to.
-
-    Of a job that was taken up again all times are those of its runs together, `earlier_time_s` of `time_s` in the
-    runs before this one. The pauses between them are left out: they were `pause_s`, NaN where nobody knows.
+    `reached` is the hole that was abandoned; `link` is None if the job ended before the line was used. `home_um` is
+    the sensor at the last zero-voltage hold. `not_begun` names the holes that remain. Times of a resumed job are of
+    all its runs, `earlier_time_s` of those before, without the pauses `pause_s` between them (NaN if unknown).
     """
 
     sites: tuple[SiteResult, ...]
@@ -320,10 +312,9 @@ class SimulatedSite:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedRun:
-    """One simulated run; what was not reached is NaN. `calibration` says in words what its actuator model was.
+    """One simulated run; unknown values are NaN. `calibration` describes its actuator model.
 
-    Depth, wear and feed are those of the first hole or of the channel; `sites` has all of them. `cuts` of a channel
-    are its passes.
+    Depth, wear and feed are those of the first hole or of the channel, whose `cuts` are its passes.
     """
 
     seed: int
@@ -361,10 +352,10 @@ class Statistics:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Runs that differ in their seed only. `truth` has the statistics of what the plant knows.
+    """Runs that differ in their seed only; `truth` has the statistics of the virtual machine's values.
 
-    `spreads` holds depths and wears that were touched, `by_model` those touched without a sensor, `estimated` those
-    that were not touched.
+    `spreads` holds depths and wears that were touched, `by_model` those touched without a sensor, `estimated`
+    others.
     """
 
     label: str

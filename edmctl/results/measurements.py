@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 class SurfaceFound:
     """Where an approach ended: by the sensor, by the actuator model, and the voltage there.
 
-    `touches` and `sd_um` belong to contacts; an approach to the spark gap has 0 and NaN. `travel_s` is the time from
-    the rest at 0 V.
+    Only contacts have touches and a scatter. `travel_s` is the time from the zero-voltage hold.
     """
 
     kind: str
@@ -33,10 +32,9 @@ class SurfaceFound:
 
 @dataclass(frozen=True, slots=True)
 class JumpMeasured:
-    """One jump: its height, and where the tool is afterwards compared with before, by sensor and by actuator model.
+    """One jump: its height, and the tool's position afterwards less that before, by sensor and by actuator model.
 
-    `residual_um` is the sensor's; the command came back to its own voltage, so all of it is the actuator's error.
-    `residual_model_um` is what the model expects of it. `settling_s` counts from the end of the jump.
+    The command returned to its own voltage, so the residual is the actuator's. `settling_s` is from the jump's end.
     """
 
     number: int
@@ -90,15 +88,12 @@ class UncertaintyPart:
 
 @dataclass(frozen=True, slots=True)
 class DriftResult:
-    """What rests at 0 V and touches of the pad have in common; `*_u_*` are standard uncertainties.
+    """Drift of zero-voltage holds (rests) and of touches of the pad; `*_u_*` are standard uncertainties.
 
-    `rest_um_per_s` is the drift of the rests without creep, `touch_um_per_s` that of the touches, `apart_um_per_s`
-    what touches drift more than rests. `share` is how much of a drift of the rests a touch sees, their ratio; NaN
-    where the rests have not drifted by more than a random walk does. `share_used` and `share_used_u` are what jobs
-    go by. `creep_um` is by how much the hold at depth has held the tool lower at the first rest after it.
-    `rest_rms_um` and `touch_rms_um` are the residuals, `misfit` is by how much they exceed what was expected, at
-    least 1. `outliers` touches were left out.
-    `beliefs` of the setup are judged by all that.
+    `rest_um_per_s` is without creep; `apart_um_per_s` is by how much touches drift more than rests; `share` is how
+    much of the rests' drift a touch sees, NaN if they drifted no more than a random walk; `share_used` corrects
+    jobs. `creep_um` is by how much the hold at depth lowered the tool at the next rest. `misfit` is the residuals
+    over those expected.
     """
 
     rest_um_per_s: float
@@ -127,12 +122,11 @@ class DriftResult:
 
 @dataclass(frozen=True, slots=True)
 class WearResult:
-    """What the touches say, by the sensor and (`*_model_um`) by the actuator voltage; u95 are 95 % half-widths.
+    """Lengths by the sensor and (`*_model_um`) by the actuator voltage; u95 are 95 % half-widths.
 
-    Without a hole Z2, depth and feed are NaN, in the budget as well, and no depth has a basis. `drift_um` is Z3
-    after the bottom less Z3 before it, `drift_correction_um` the drift since Z1 that was taken off wear and feed.
-    `touches` is the least number of every Z; `sd_um` are the scatters of Z1, Z2, Z3 before and Z3 after. `budget`
-    contains standard uncertainties.
+    Without a hole Z2, depth and feed are NaN. `drift_um` is Z3 after the bottom less Z3 before it,
+    `drift_correction_um` the drift since Z1 that was taken off. `touches` is the least number of every Z; `sd_um`
+    are the scatters of Z1, Z2, Z3 before and Z3 after. `budget` contains standard uncertainties.
     """
 
     z1_um: float

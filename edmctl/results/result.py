@@ -98,12 +98,11 @@ class RegimeForecast:
 class Forecast(Result):
     """Expected course of a job.
 
-    Times, cuts, measuring stops and pulses are those of the whole job, as is `tool_wear_um`; depth, wear and feed
-    are of its deepest hole or of its channel, whose cuts are its passes, `depth_min_um` is that of its shallowest
-    hole. `holes_in_reach` are those, in working order, for which the stroke lasts. `limit_cycle_um` is the
-    half-amplitude of the servo's swing; `channel_um` and `layers` are 0 where there is no channel. `depth_u95_um` is
-    half the 95 % interval of the depth that will be known least, NaN where no depth is wanted. `side_gap_um`,
-    `ra_um` and `rz_um` are the gap at the wall and the roughness Ra and Rz of the floor by the laws of the process.
+    Times, cuts, stops, pulses and `tool_wear_um` are those of the whole job; depth, wear and feed of its deepest
+    hole or channel, whose cuts are its passes; `depth_min_um` of its shallowest hole. `holes_in_reach` are those, in
+    working order, within the stroke. `limit_cycle_um` is the half-amplitude of the servo's swing. `depth_u95_um` is
+    half the 95 % interval of the depth known least, NaN without a depth target. Gap and roughness are by the laws of
+    the process.
     """
 
     machining_time_s: float

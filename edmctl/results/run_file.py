@@ -19,10 +19,9 @@ from edmctl.results.telemetry import PULSE_CLASSES, PulseShares
 class RunHead:
     """One run file of a folder. Depth and wear are means of its sites; unknown values are NaN, None or empty.
 
-    Without sites they are the values that `measure-wear` has touched. `est_depth_um` is the depth of a hole that was
-    abandoned without a result; `through` counts the holes through a sheet. The bases are the weakest of the sites,
-    `verdict` is the worst. `status` is `running` while the writer lives, `interrupted` if it was killed, else as the
-    run ended; `error_code` is that of the error that ended it early.
+    Without sites they are those of `measure-wear`. `est_depth_um` is that of an abandoned hole; `through` counts
+    holes through a sheet. Bases are the weakest of the sites, `verdict` is the worst. `status` is `running` while
+    the writer lives and `interrupted` if it was killed.
     """
 
     path: Path
@@ -66,10 +65,7 @@ class Unreadable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedSite(SiteResult):
-    """A hole or channel as a run file has it, with what the virtual machine knows of it. Unknown values are NaN.
-
-    `length_um` is its depth, or the thickness of the sheet that it goes through.
-    """
+    """A hole or channel as a run file has it; `length_um` is its depth, or the thickness of the sheet."""
 
     length_um: float = math.nan
     truth: SiteTruth = field(default_factory=SiteTruth)
@@ -130,10 +126,7 @@ def _ratio(part: float, whole: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class JumpTimes:
-    """Every jump that the tool made, also those out of a short, and the times between those of one cut, s.
-
-    The times are NaN with fewer than two.
-    """
+    """Every jump of the tool, and the times between those of one cut, s; NaN with fewer than two."""
 
     count: int
     shortest_s: float
@@ -175,12 +168,11 @@ class Sentence:
 
 @dataclass(frozen=True, slots=True)
 class RunSummary:
-    """Everything that `run show` shows. `rows` are those of each table, `summary` is the result of the command.
+    """Everything that `run show` shows; `rows` are those of each table, `summary` is the result of the command.
 
-    Times are those of the job: `earlier_time_s` of `time_s` passed in the runs that it goes on with, 0 without any.
-    The pauses between them are left out; they were `pause_s`, NaN where nobody knows.
-    `way_on` is the command that takes up the job; empty where there is nothing to take up.
-    `est_depth_um` is how deep the hole is that was left without a result; NaN where there is none.
+    Times are those of the job, also in earlier runs (`earlier_time_s`), without the pauses (`pause_s`, NaN if
+    unknown). `way_on` is the command that resumes it, if any. `est_depth_um` is the depth of an abandoned hole, if
+    any.
     """
 
     file: str
@@ -261,10 +253,10 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Amount:
-    """A quantity in one run, and against the first run. What is not known is NaN.
+    """A quantity in one run, and against the first run; unknown values are NaN.
 
-    `difference_u95` combines the uncertainties of both; `beyond` says that the difference is larger. `basis` is what
-    a depth or wear rests on, empty for all else.
+    `difference_u95` combines both uncertainties; `beyond`: the difference exceeds it. `basis` is of depths and
+    wears.
     """
 
     value: float

@@ -43,11 +43,7 @@ def pulse_shares(open_count: float, normal_count: float, arc_count: float, short
 
 @dataclass(slots=True, eq=False)
 class BlockSummary:
-    """Means, extremes and sums over the samples of a block.
-
-    `counts` are the pulses by class: open, normal, arc, short. `state` is the state of the first and the last
-    sample, None if they differ.
-    """
+    """Means, extremes and sums over a block; `counts` are pulses by class, `state` is None if it changes."""
 
     samples: int
     end_s: float
