@@ -304,8 +304,7 @@ def hole(profile: Profile, depth_um: float = math.nan) -> Hole:
 
 def completion(profile: Profile) -> float:
     """Feed after a breakthrough, µm: as the target says, or until the rounded tip of the worn tool is through."""
-    target = profile.target
-    given = target.completion_um if target.kind == "through" else None
+    given = getattr(profile.target, "completion_um", None)
     return profile.tool.diameter_um / 2.0 if given is None else given
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeAlias
 from urllib.parse import quote
 
 from edmctl.errors import UsageError
@@ -16,6 +16,7 @@ HOME_VARIABLE = "EDMCTL_HOME"
 CALIBRATION_VARIABLE = "EDMCTL_CALIBRATION"
 DRIFT_VARIABLE = "EDMCTL_DRIFT"
 SETUP_VARIABLE = "EDMCTL_SETUP"
+Kept: TypeAlias = Literal["calibration", "drift"]
 
 
 def shipped_folder() -> Path:
@@ -118,9 +119,7 @@ def _file_name(serial: str) -> str:
     return quote(serial, safe=" ")
 
 
-def kept_path(
-    kind: Literal["calibration", "drift"], serial: str, environ: Mapping[str, str], *, lasting: bool = True
-) -> Path:
+def kept_path(kind: Kept, serial: str, environ: Mapping[str, str], *, lasting: bool = True) -> Path:
     """Calibration or drift file of a machine.
 
     That of a virtual machine that keeps no state (not `lasting`) is used only where it is named.
@@ -135,11 +134,7 @@ def creep_path(serial: str, environ: Mapping[str, str]) -> Path:
 
 
 def find_kept(
-    kind: Literal["calibration", "drift"],
-    environ: Mapping[str, str],
-    stated: str | None,
-    serial: str | None,
-    option: Path | None = None,
+    kind: Kept, environ: Mapping[str, str], stated: str | None, serial: str | None, option: Path | None = None
 ) -> Path | None:
     """Return the file in use: that of the option, the environment or the setup (`stated`), or one of the machine.
 

@@ -416,9 +416,15 @@ class ProfileFile(Profile):
 
 
 def profile_schema() -> dict[str, Any]:
-    """JSON schema (draft 2020-12) of a profile file. One that extends another may leave any key to that."""
+    """JSON schema (draft 2020-12) of a profile file. One that extends another may leave any key to that.
+
+    Items of a list have all their keys, because a list is inherited whole or not at all.
+    """
     schema = ProfileFile.model_json_schema(by_alias=True)
-    required = {"required": schema.pop("required"), "properties": _required_keys(schema)}
+    complete = {"required": schema.pop("required")}
+    for description in schema["properties"].values():
+        for kind in description.get("oneOf", description.get("anyOf", [description])):
+            schema["$defs"].get(kind.get("$ref", "").rpartition("/")[2], {}).pop("required", None)
     schema["properties"]["extends"] = {
         "type": "string",
         "description": "profile whose values hold where this one states none, relative to this file, or shipped",
@@ -427,21 +433,5 @@ def profile_schema() -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **schema,
         "title": "edmctl machining profile",
-        "if": {"not": {"required": ["extends"]}},
-        "then": required,
+        "anyOf": [{"required": ["extends"]}, complete],
     }
-
-
-def _required_keys(schema: dict[str, Any]) -> dict[str, Any]:
-    """Move the required keys out of the tables' definitions: for each table, what it must hold.
-
-    Items of a list keep theirs, because a list is inherited whole or not at all.
-    """
-    found = {}
-    for table, description in schema["properties"].items():
-        kinds = description.get("oneOf", description.get("anyOf", [description]))
-        names = [kind["$ref"].rpartition("/")[2] for kind in kinds if "$ref" in kind]
-        if names:
-            required = [schema["$defs"][name].pop("required", []) for name in names]
-            found[table] = {"anyOf": [{"required": keys} for keys in required]}
-    return found

@@ -151,9 +151,8 @@ def _header(line: Location, cells: list[str]) -> list[str]:
             raise _refusal(f"unknown column {column}", hint, line, index)
         if column in cells[:index]:
             raise _refusal(f"there are two columns {column}", "remove one of the two", line, index)
-    for column in NEEDED:
-        if column not in cells:
-            raise _refusal(f"the column {column} is missing", _FORM, line)
+    if missing := [column for column in NEEDED if column not in cells]:
+        raise _refusal(f"the column {missing[0]} is missing", _FORM, line)
     return cells
 
 
@@ -162,15 +161,12 @@ def _point(line: Location, columns: list[str], cells: list[str]) -> PointSite:
         message = f"{len(cells)} cells under {len(columns)} columns"
         raise _refusal(message, "write numbers with a point, and one comma from cell to cell", line)
     given = {column: cell for column, cell in zip(columns, cells, strict=False) if cell}
-    missing = [column for column in NEEDED if column not in given]
     try:
-        if not missing:
-            return PointSite.model_validate_strings(given)
-        column, what = missing[0], "is missing"
+        return PointSite.model_validate_strings(dict.fromkeys(NEEDED, "") | given)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
-        column = str(first["loc"][0])
-        what = "is no number" if first["type"] == "float_parsing" else "is out of range"
-        what = f"= {given[column]} {what}"
+    column = str(first["loc"][0])
+    what = "is no number" if first["type"] == "float_parsing" else "is out of range"
+    what = f"= {given[column]} {what}" if column in given else "is missing"
     hint = f"write {permitted_at(PointSite, (column,))}"
     raise _refusal(f"{column} {what}", hint, line, columns.index(column))

@@ -173,11 +173,6 @@ def test_a_way_through_feeds_on_through_the_worn_tip() -> None:
     assert short.machining_time_s < f.machining_time_s
 
 
-def test_a_time_limit_not_given_is_three_forecasts_of_all_holes() -> None:
-    loaded = load_profile("array-3x3", ["limits={stroke_v_max=120}"])
-    assert loaded.profile.limits.max_time_s == pytest.approx(3.0 * array_of().time_s)
-
-
 def test_approach_touch_and_jumps_take_their_time_alone() -> None:
     profile = load_profile("cu270").profile
     assert approach_time_s(profile, Setup()) > 47.0
@@ -253,10 +248,6 @@ def test_a_relay_makes_a_triangle(
     assert 1.0 / cycle.period_s == pytest.approx(frequency_hz, rel=0.02)
     assert cycle.half_amplitude_um == pytest.approx(math.sqrt(3.0) * rms_um, rel=0.02)
     assert cycle.half_amplitude_um == pytest.approx(slope_um_s * cycle.period_s / 4.0)
-
-
-def test_the_default_loop_swings_far_less_than_the_gap() -> None:
-    assert swing(5.0, 1000).half_amplitude_um == pytest.approx(0.057, abs=0.001)
 
 
 @pytest.mark.parametrize(

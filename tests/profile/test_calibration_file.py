@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import json
 import os
 import re
 import tomllib
@@ -17,7 +16,7 @@ import pytest
 from edmctl.actuator.identification import Identification
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.validation import Bands, ErrorFigures
-from edmctl.errors import ProfileError, RecordError, RunFileError
+from edmctl.errors import RecordError, RunFileError
 from edmctl.profile.calibration import (
     BEYOND_PLAYS,
     SCHEMA,
@@ -32,7 +31,6 @@ from edmctl.profile.calibration import (
     measured_file,
 )
 from edmctl.profile.folders import find_kept, kept_path
-from edmctl.profile.setup import load_setup
 from edmctl.profile.tables import content_hash
 from tests.planning.rules.documents import place_of
 
@@ -205,10 +203,6 @@ def test_what_is_no_calibration_file_is_refused(tmp_path: Path, name: str, code:
         assert place_of(error) == ("c.toml", 1, 10)
 
 
-def test_a_missing_table_is_refused(saved: Path) -> None:
-    assert "made" in refused(rewritten(saved, lambda table: table.pop("made"))).message
-
-
 def test_a_new_calibration_takes_the_place_of_the_old_one(saved: Path) -> None:
     calibration_of(an_identification(), Made(utc="now", edmctl="9")).save(saved)
     assert Calibration.load(saved).made.edmctl == "9"
@@ -247,17 +241,6 @@ def test_the_nearest_word_decides_which_file_is_used(tmp_path: Path) -> None:
     assert find_kept("calibration", environ, setup, "SIM-7") == Path(setup)
     assert find_kept("calibration", asked, setup, "SIM-7") == Path("/environ.toml")
     assert find_kept("calibration", asked, setup, "SIM-7", option) == option
-
-
-def test_a_setup_names_a_file_beside_itself(tmp_path: Path) -> None:
-    setup = tmp_path / "setup.toml"
-    setup.write_text(f"[actuator]\ncalibration = {json.dumps('mine/c.toml')}\n", encoding="utf-8")
-    assert load_setup(setup).actuator.calibration == str(tmp_path / "mine" / "c.toml")
-    setup.write_text("[actuator]\ncalibration = '/c.toml'\n", encoding="utf-8")
-    assert load_setup(setup).actuator.calibration == "/c.toml"
-    setup.write_text("[actuator]\ncalibration = ''\n", encoding="utf-8")
-    with pytest.raises(ProfileError):
-        load_setup(setup)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import tomli_w
 
-from edmctl.errors import RecordError, RunFileError
+from edmctl.errors import RecordError
 from edmctl.jobs.corrections import choose_drift
 from edmctl.process.rest_drift import TIME_CONSTANTS_S
 from edmctl.profile.drift_file import (
@@ -72,13 +72,6 @@ def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert found.table() == made().table() | {"made": found.made.model_dump()}
     assert found.model().share == 1.0 / 3.0
     np.testing.assert_array_equal(found.model().creep, made().model().creep)
-
-
-def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("", encoding="utf-8")
-    with pytest.raises(RunFileError) as refused:
-        made().save(tmp_path / "file" / "drift.toml")
-    assert refused.value.code == "E9013"
 
 
 def edited(path: Path, change: Callable[[dict[str, Any]], None], *, hashed: bool = True) -> str:

@@ -11,7 +11,7 @@ import pytest
 from edmctl.errors import ProfileError
 from edmctl.failures import Code
 from edmctl.planning.rules.load import load_profile
-from edmctl.profile.places import MOST_PLACES, Place, places
+from edmctl.profile.places import MOST_PLACES, Place
 from tests.planning.rules.documents import marked, place_of, problems, written
 
 GRID = 'sites=[{kind="grid",x_um=500,columns=3,rows=2,dx_um=300,dy_um=400}]'
@@ -78,12 +78,6 @@ def test_a_file_is_beside_the_profile_that_names_it(tmp_path: Path, monkeypatch:
     (tmp_path / "child.toml").write_text('extends = "inner/p.toml"\n', encoding="utf-8")
     monkeypatch.chdir("/")
     assert len(load_profile(str(tmp_path / "child.toml")).places) == 1
-
-
-def test_a_file_of_an_option_is_the_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "mine.csv").write_text("x_um,y_um\n500,0\n900,0\n", encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    assert len(placed('sites=[{kind="file",path="mine.csv"}]')) == 2
 
 
 @pytest.mark.parametrize(
@@ -207,10 +201,6 @@ def test_places_that_cannot_all_be_machined_are_named(
         assert marked(found) == "{x_um=685}"
 
 
-def test_a_tool_may_wear_as_much_as_all_holes_need() -> None:
-    assert codes(GRID, "tool.max_wear_um=52") == []
-
-
 def test_more_places_than_a_tool_lasts_for_are_refused() -> None:
     assert codes('sites=[{kind="grid",x_um=500,columns=1000,rows=1000,dx_um=300,dy_um=300}]') == [Code.SITES]
     with pytest.raises(ProfileError, match=str(MOST_PLACES)):
@@ -290,10 +280,3 @@ def test_the_example_of_the_page_loads(tmp_path: Path) -> None:
     found = load_profile(str(profile))
     assert found.warnings == ()
     assert [place.name for place in found.places] == ["inlet", *(f"hole-{n}" for n in range(1, 7)), "a", "b"]
-
-
-def test_places_are_read_from_the_folder_that_is_said(tmp_path: Path) -> None:
-    profile = load_profile(str(sheet(tmp_path, "x_um,y_um\n500,0\n"))).profile
-    assert len(places(profile, tmp_path)) == 1
-    with pytest.raises(ProfileError):
-        places(profile, tmp_path / "nowhere")

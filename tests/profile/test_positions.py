@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import json
 import tomllib
-from dataclasses import asdict
 from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edmctl.process.erosion import GAP_LAW, LAW
-from edmctl.profile.model import SimSettings
 from edmctl.profile.read import location, scan
 from edmctl.profile.tables import KeyPath
 
@@ -135,8 +132,3 @@ def test_a_header_is_the_place_of_its_table() -> None:
     text = "\n[ servo . inner ]\nx = 1\n"
     where = location("f", text, scan(text)["servo", "inner"].value)
     assert (where.line, where.column, where.length) == (2, 3, 13)
-
-
-def test_the_defaults_of_sim_are_the_constants_of_the_laws() -> None:
-    laws = {**asdict(LAW), **asdict(GAP_LAW)}
-    assert {name: getattr(SimSettings(), name) for name in laws} == laws

@@ -7,8 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from edmctl.cli.render.diagnostics import render_diagnostics
 from edmctl.errors import EdmError, ProfileError, UsageError
@@ -17,7 +15,6 @@ from edmctl.planning.rules.load import load_profile
 from edmctl.profile.diagnose import MOST_SHOWN
 from edmctl.profile.folders import shipped_profiles, shipped_studies
 from edmctl.profile.model import FeedTarget, ProfileFile, profile_schema
-from edmctl.profile.read import changes, extend
 from edmctl.profile.setup import load_setup
 from edmctl.profile.tables import fields_at
 from edmctl.simulator.config import DischargeConstants
@@ -87,12 +84,6 @@ def test_extends_inherits_and_lists_what_it_overrides() -> None:
     assert w.profile.wear.max_cuts == 5
     assert 'tool.material = "W" (was "Cu", w252.toml)' in w.overrides
     assert "target.depth_um = 240.0 (was 180.0, w252.toml)" in w.overrides
-
-
-def test_values_that_are_removed_are_listed_in_the_order_of_the_file() -> None:
-    before: dict[str, object] = {"target": {f"key_{number}": number for number in range(20)}}
-    removed = [f"target.key_{number} removed (was {number}, --set)" for number in range(20)]
-    assert list(changes(before, {}, "--set")) == removed
 
 
 def test_an_override_lists_old_and_new_value_and_keeps_the_rest() -> None:
@@ -200,22 +191,6 @@ def test_all_violated_rules_are_reported_together_once_every_value_can_be_read()
 
 
 @pytest.mark.parametrize(
-    "override",
-    [
-        "target.depth_um=-1",
-        "servo.reference=2",
-        "servo={refrence=0.5}",
-        "servo={reference_v=500}",
-        "tool.diameter_um=1",
-        'target={kind="feed",feed=9999}',
-        "limits={stroke_v_maxi=20}",
-    ],
-)
-def test_a_rule_says_nothing_of_a_value_that_could_not_be_read(override: str) -> None:
-    assert {d.code[:3] for d in problems("cu270", override)} == {"E30"}
-
-
-@pytest.mark.parametrize(
     ("override", "hint"),
     [
         ("jump.period_max_s=1.5", "period_min_s"),
@@ -228,11 +203,6 @@ def test_keys_without_an_effect_are_unknown(override: str, hint: str) -> None:
     (found,) = problems("cu270", override)
     assert found.code == Code.UNKNOWN_KEY
     assert hint in found.hint
-
-
-def test_keys_that_are_only_recorded_say_so() -> None:
-    found = fields_at(ProfileFile, ("tool", "free_length_um"))
-    assert "recorded, not acted on" in (found[0].description or "")
 
 
 @pytest.mark.parametrize(
@@ -253,24 +223,12 @@ def test_errors_of_files_are_located(tmp_path: Path, text: str, line: int, colum
     assert found.where.source_line == text.split("\n")[line - 1]
 
 
-@pytest.mark.parametrize(("number", "meant"), [("0,18", "0.18"), (" -5,0 # comment", "-5.0")])
-def test_a_decimal_comma_is_named(tmp_path: Path, number: str, meant: str) -> None:
-    path = written(tmp_path, f'extends = "cu270"\n[target]\ndepth_um ={number}\n')
-    (in_file,), (on_line,) = problems(path), problems("cu270", f"target.depth_um={number}")
-    assert in_file.hint == on_line.hint == f"a number has a decimal point, not a comma: {meant}"
-
-
 def test_profiles_that_extend_in_a_circle_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text('extends = "b.toml"\n', encoding="utf-8")
     (tmp_path / "b.toml").write_text('# b\nextends = "a.toml"\n', encoding="utf-8")
     (found,) = problems(tmp_path / "a.toml")
     assert (found.code, place_of(found)) == (Code.EXTENDS, ("b.toml", 2, 11))
     assert "a.toml -> b.toml -> a.toml" in found.message
-
-
-def test_a_setup_has_defaults() -> None:
-    assert load_setup().actuator.gain_um_per_v == 2.967
-    assert load_setup().controller.servo_period_s == pytest.approx(1e-3)
 
 
 @pytest.mark.parametrize(
@@ -319,18 +277,6 @@ def test_loading_a_profile_needs_no_numpy() -> None:
     load = "from edmctl.planning.rules.load import load_profile; load_profile('cu270')"
     program = f"import sys; {load}; assert 'numpy' not in sys.modules"
     subprocess.run([sys.executable, "-c", program], check=True)
-
-
-tables = st.recursive(
-    st.integers(), lambda inner: st.dictionaries(st.sampled_from("abc"), inner, max_size=3), max_leaves=8
-).filter(lambda t: isinstance(t, dict))
-
-
-@given(tables, tables)
-def test_extending_keeps_all_keys_of_both(base: dict[str, object], child: dict[str, object]) -> None:
-    merged = extend(base, child)
-    assert merged.keys() == base.keys() | child.keys()
-    assert extend(merged, child) == merged
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ import edmctl
 from edmctl.errors import ProfileError
 from edmctl.failures import Code
 from edmctl.planning.rules.load import load_profile
-from edmctl.profile.model import Measure
 from edmctl.profile.setup import Controller, Setup
 from tests.planning.rules.documents import marked, problems
 
@@ -206,11 +205,6 @@ def test_the_deepest_hole_is_told(name: str, volts: int, depth_um: int) -> None:
     found = problems(name, "target.depth_um=600", f"limits.stroke_v_max={volts}")
     hint = next(d.hint for d in found if d.code == Code.STROKE)
     assert f"at most {depth_um} µm deep" in hint
-
-
-def test_one_touch_speed_serves_z1_z2_and_z3() -> None:
-    speeds = {key for key in Measure.model_fields if "speed" in key}
-    assert speeds == {"speed_um_s"}
 
 
 def test_adaptive_jumps_go_only_as_far_up_as_the_tool_is_down() -> None:
