@@ -559,6 +559,14 @@ def table_unknown(*, name: object, meant: object, known: object) -> UsageError:
     return UsageError(f"A run file has no table {name!r}.", hint=f"{meant}Tables: {known}.", code="E2080")
 
 
+def study_table_not_csv(*, out: object) -> UsageError:
+    return UsageError(
+        f"{out} does not end in .csv.",
+        hint="Write CSV, e.g. -o runs.csv; `edmctl study status DIR --json` has the same table as JSON.",
+        code="E2081",
+    )
+
+
 def export_ending_unknown(*, out: object, ending: object, format: object) -> UsageError:
     return UsageError(
         f"Tables do not go into {out}: no format is called {ending}.",

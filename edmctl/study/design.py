@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
-from itertools import combinations
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from edmctl import failures
@@ -17,28 +16,9 @@ from edmctl.profile.model import ProfileFile
 from edmctl.profile.tables import field_at
 from edmctl.record.delimited import read_table
 from edmctl.study.results import FactorInfo, Value
-from edmctl.study.statistics.designs import (
-    array_for,
-    box_behnken,
-    central_composite,
-    fraction_for,
-    fraction_of,
-    hiding_words,
-    latin_hypercube,
-    letters_of,
-    sobol_points,
-)
-from edmctl.study.statistics.linear_model import (
-    BLOCK,
-    Settings,
-    Term,
-    main_effects,
-    model_matrix,
-    second_order,
-    term_name,
-    undetermined,
-    with_interactions,
-)
+from edmctl.study.statistics import designs
+from edmctl.study.statistics import linear_model as models
+from edmctl.study.statistics.linear_model import BLOCK, Settings, Term
 from edmctl.study.study_file import StudySource
 from edmctl.wording import plural
 
@@ -53,6 +33,15 @@ DEALT = 500
 LEVELS, PAIRS, QUADRATIC = "levels", "level pairs", "quadratic"
 AS_LEVELS = (LEVELS, PAIRS)
 """Models in which numbers are levels without order."""
+OWN_KEYS = {
+    "fractional": ("generators", "resolution"),
+    "taguchi": ("array", "columns"),
+    "ccd": ("alpha",),
+    "lhs": ("runs",),
+    "sobol": ("runs",),
+    "csv": ("file",),
+}
+"""Keys of [design] that belong to one kind of it."""
 
 
 def factors_of(source: StudySource) -> tuple[FactorInfo, ...]:
@@ -163,10 +152,9 @@ def value_within(factor: FactorInfo, value: object) -> Value:
     """Return a given value of a factor as a plain one. Raises UsageError E2110 for one beyond its bounds."""
     plain = value.item() if hasattr(value, "item") else value
     if not is_within(factor, plain):
-        low, high = _bounds(factor) if factor.is_number else (0.0, 0.0)
-        allowed = f"a number from {low:g} to {high:g}"
-        if not factor.is_number:
-            allowed = f"one of {', '.join(map(repr, factor.values))}"
+        allowed = ", ".join(map(repr, factor.values))
+        if factor.is_number:
+            allowed = "{:g} to {:g}".format(*_bounds(factor))
         raise failures.setting_out_of_range(key=factor.key, value=value, allowed=allowed)
     assert isinstance(plain, bool | int | float | str)
     return plain
@@ -238,6 +226,11 @@ class Points:
     separates_pairs: bool = False
 
 
+def _settings(factors: Sequence[FactorInfo], rows: Iterable[Sequence[Value]]) -> tuple[dict[str, Value], ...]:
+    keys = [factor.key for factor in factors]
+    return tuple(dict(zip(keys, row, strict=True)) for row in rows)
+
+
 def points_of(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     """Return the points of a study's design. Raises ProfileError if there can be none."""
     design = source.file.design
@@ -245,8 +238,8 @@ def points_of(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     try:
         points = makers.get(design.kind, _coded_points)(source, factors)
     except ValueError as error:
-        hint, *keys = _REMEDIES[design.kind]
-        key = next((key for key in keys if getattr(design, key)), keys[0])
+        key = next((key for key in OWN_KEYS.get(design.kind, ()) if getattr(design, key)), "kind")
+        hint = "docs/study.md#designs lists what each kind needs"
         raise source.wrong(str(error).rstrip("."), hint, "design", key) from error
     if not points.blocks:
         points = _with_blocks(source, points)
@@ -257,15 +250,6 @@ def points_of(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
 def _refuse_many(source: StudySource, runs: int) -> None:
     message = f"the design has {runs} runs, and at most {MOST_RUNS} are planned"
     source.require(runs <= MOST_RUNS, message, "take a fraction, an array or fewer levels", "design", "kind")
-
-
-_REMEDIES = {
-    "fractional": ("docs/study.md shows how fractions are named", "generators", "resolution"),
-    "taguchi": ("give other levels, or another array", "array"),
-    "bbd": ("vary other factors, or take ccd", "kind"),
-    "ccd": ("vary two factors or more, or take lhs", "alpha"),
-}
-"""The hint on a design that is impossible, and keys of [design]: the error is at the first that is given."""
 
 
 def _with_blocks(source: StudySource, points: Points) -> Points:
@@ -313,21 +297,20 @@ def mixing(points: Points, order: Sequence[int], part_of: Sequence[int]) -> floa
 
 def _full(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     _refuse_many(source, math.prod(len(factor.values) for factor in factors))
-    rows = itertools.product(*(factor.values for factor in factors))
-    settings = tuple({f.key: value for f, value in zip(factors, row, strict=True)} for row in rows)
+    settings = _settings(factors, itertools.product(*(factor.values for factor in factors)))
     name = "full factorial " + " × ".join(str(len(f.values)) for f in factors)
     blocks = source.file.design.blocks
     if blocks == 1 or blocks & (blocks - 1) or any(len(f.values) != 2 for f in factors):
         return Points(name, settings)
     # Blocks of two-level runs hide the longest products (Box, Hunter and Hunter 2005, chapter 5).
-    words = hiding_words(len(factors), blocks.bit_length() - 1)
+    words = designs.hiding_words(len(factors), blocks.bit_length() - 1)
     message = f"{blocks} blocks of {plural(len(settings), 'run')} would hide the effect of a factor"
     source.require(words, message, "take fewer blocks", "design", "blocks")
     numbers = []
     for setting in settings:
         bits = [sum(setting[factors[f].key] == factors[f].values[1] for f in word) % 2 for word in words]
         numbers.append(sum(bit << n for n, bit in enumerate(bits)))
-    hidden = ", ".join(map(letters_of, words))
+    hidden = ", ".join(map(designs.letters_of, words))
     note = f"blocks cannot be separated from {hidden} and their products"
     return Points(f"{name} in {blocks} blocks", settings, tuple(numbers), notes=(note,))
 
@@ -347,11 +330,11 @@ def _fractional(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
         *("design", "kind"),
     )
     if design.generators:
-        fraction = fraction_of(count, design.generators)
+        fraction = designs.fraction_of(count, design.generators)
     else:
-        fraction = fraction_for(count, design.resolution or 3)
-    settings = [
-        {f.key: f.values[int(sign > 0)] for f, sign in zip(factors, row, strict=True)}
+        fraction = designs.fraction_for(count, design.resolution or 3)
+    values = [
+        [f.values[int(sign > 0)] for f, sign in zip(factors, row, strict=True)]
         for row in fraction.coded().tolist()
     ]
     name, resolution = f"full factorial 2^{count}", fraction.resolution
@@ -368,13 +351,13 @@ def _fractional(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     if more := max(0, len(lines) - MOST_ALIASES):
         lines[MOST_ALIASES:] = [f"and {more} more groups"]
     separates_pairs = resolution is None or resolution >= 5
-    return Points(name, tuple(settings), aliases=tuple(lines), separates_pairs=separates_pairs)
+    return Points(name, _settings(factors, values), (), tuple(lines), separates_pairs=separates_pairs)
 
 
 def _taguchi(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     design = source.file.design
     counts = [len(f.values) for f in factors]
-    array, columns = array_for(counts, design.array)
+    array, columns = designs.array_for(counts, design.array)
     if design.columns:
         columns = tuple(column - 1 for column in design.columns)
         are_columns = len(set(columns)) == len(columns) and set(columns) <= set(range(len(array.counts)))
@@ -385,12 +368,12 @@ def _taguchi(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
             *("design", "columns"),
         )
     levels = array.levels[:, list(columns)]
-    settings = [
-        {f.key: f.values[level] for f, level in zip(factors, row, strict=True)} for row in levels.tolist()
-    ]
+    values = [[f.values[level] for f, level in zip(factors, row, strict=True)] for row in levels.tolist()]
     aliases = _array_aliases(levels, [f.name for f in factors])
     note = "interactions mix with the effects of other factors: an orthogonal array shows main effects alone"
-    return Points(f"Taguchi {array.name}", tuple(settings), (), aliases, (note,) if aliases else ())
+    return Points(
+        f"Taguchi {array.name}", _settings(factors, values), (), aliases, (note,) if aliases else ()
+    )
 
 
 def _array_aliases(levels: Any, names: Sequence[str]) -> tuple[str, ...]:
@@ -400,11 +383,12 @@ def _array_aliases(levels: Any, names: Sequence[str]) -> tuple[str, ...]:
     of_runs = dict(zip(names, levels.T.tolist(), strict=True))
     settings = Settings({}, of_runs, {name: sorted(set(column)) for name, column in of_runs.items()})
     pairs = {
-        pair: model_matrix(settings, [tuple((n, 1) for n in pair)]).columns for pair in combinations(names, 2)
+        pair: models.model_matrix(settings, [tuple((n, 1) for n in pair)]).columns
+        for pair in itertools.combinations(names, 2)
     }
     lines = []
     for name in names:
-        columns = model_matrix(settings, [(), ((name, 1),)]).columns
+        columns = models.model_matrix(settings, [(), ((name, 1),)]).columns
         columns[:, 1:] -= columns[:, 1:].mean(axis=0)
         alone = np.linalg.qr(columns)[0][:, 1:]
         mixed = [
@@ -425,22 +409,25 @@ def _coded_points(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
             message = f"a response-surface design varies numbers, and {factor.name} has none"
             source.require(factor.is_number, message, "give low and high, or take lhs", "design", "kind")
     if design.kind == "bbd":
-        name, rows = "Box-Behnken", box_behnken(count)
+        name, rows = "Box-Behnken", designs.box_behnken(count)
     elif design.kind == "ccd":
-        rows = central_composite(count, design.alpha)
+        rows = designs.central_composite(count, design.alpha)
         named = {"face": "face-centred", "rotatable": "rotatable"}
         name = f"central composite, {named.get(str(design.alpha), f'alpha {design.alpha}')}"
     elif design.runs is None:
         raise source.wrong("runs is missing", "add runs = 20 to [design]", "design", "kind")
     elif design.kind == "lhs":
-        name, rows = f"Latin hypercube of {design.runs}", latin_hypercube(count, design.runs, design.seed)
+        name, rows = (
+            f"Latin hypercube of {design.runs}",
+            designs.latin_hypercube(count, design.runs, design.seed),
+        )
     else:
-        name, rows = f"Sobol sequence of {design.runs}", sobol_points(count, design.runs, design.seed)
-    settings = [
-        {f.key: value_at(f, x, source.steps[f.key]) for f, x in zip(factors, row, strict=True)}
+        name, rows = f"Sobol sequence of {design.runs}", designs.sobol_points(count, design.runs, design.seed)
+    values = [
+        [value_at(f, x, source.steps[f.key]) for f, x in zip(factors, row, strict=True)]
         for row in rows.tolist()
     ]
-    return Points(name, tuple(settings))
+    return Points(name, _settings(factors, values))
 
 
 def _csv(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
@@ -510,15 +497,14 @@ def model_of(source: StudySource, factors: Sequence[FactorInfo], points: Points)
 
 def terms_of(model: str, factors: Sequence[FactorInfo], *, blocks: bool) -> list[Term]:
     """Return the terms of a model: each factor, pair and square, and the blocks."""
-    names = [f.name for f in factors]
+    names, numbers = [f.name for f in factors], [f.name for f in factors if f.is_number]
     if model in ("levels", "main"):
-        terms = main_effects(names)
+        mean, *terms = models.main_effects(names)
     elif model in ("interactions", PAIRS):
-        terms = with_interactions(names)
+        mean, *terms = models.with_interactions(names)
     else:
-        numbers = [f.name for f in factors if f.is_number]
-        terms = second_order(numbers, [f.name for f in factors if not f.is_number])
-    return [*terms[:1], *([((BLOCK, 1),)] if blocks else []), *terms[1:]]
+        mean, *terms = models.second_order(numbers, [name for name in names if name not in numbers])
+    return [mean, *([((BLOCK, 1),)] if blocks else []), *terms]
 
 
 def degrees_of_freedom(
@@ -530,7 +516,7 @@ def degrees_of_freedom(
     as_levels: bool,
 ) -> tuple[dict[str, int], list[str]]:
     """Return degrees of freedom by term and what is left for the error; and the terms that are undetermined."""
-    matrix = model_matrix(settings_matrix(factors, settings, blocks, as_levels=as_levels), terms)
-    lost = undetermined(matrix)
-    dof = {term_name(term): matrix.dof(term) for term in matrix.spans if term and term not in lost}
-    return {**dof, "error": len(settings) - 1 - sum(dof.values())}, [term_name(term) for term in lost]
+    matrix = models.model_matrix(settings_matrix(factors, settings, blocks, as_levels=as_levels), terms)
+    lost = models.undetermined(matrix)
+    dof = {models.term_name(term): matrix.dof(term) for term in matrix.spans if term and term not in lost}
+    return {**dof, "error": len(settings) - 1 - sum(dof.values())}, [models.term_name(term) for term in lost]

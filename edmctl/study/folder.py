@@ -14,7 +14,6 @@ import os
 import secrets
 import shlex
 import shutil
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
@@ -30,7 +29,7 @@ from edmctl.jobs.plan import SIMULATOR, JobRequest, MachineAddress
 from edmctl.profile.folders import find_profile
 from edmctl.profile.read import parse, read_chain, read_source
 from edmctl.record.json_rows import RowWriter, read_lines
-from edmctl.record.locks import exclusive
+from edmctl.record.locks import exclusive, retried
 from edmctl.study.design import factors_of, is_within
 from edmctl.study.planning import LADDERS, PlannedStudy, base_request, stated_in
 from edmctl.study.responses import LARGEST
@@ -54,7 +53,7 @@ if TYPE_CHECKING:
 SCHEMA = "edmctl-study/2"
 PLAN_BYTES = 40_000_000
 """A plan of 20,000 runs with 24 factors."""
-MOMENT_S, LOOKS_EVERY_S = 0.5, 0.02
+MOMENT_S = 0.5
 ADDING_S = 30.0
 """Runs are added one after the other: reading all rows takes a moment."""
 STUDY, PROFILE, SETUP, CALIBRATION = "study.toml", "profile.toml", "setup.toml", "calibration.toml"
@@ -99,16 +98,9 @@ class Paused:
 
 @dataclass(frozen=True, slots=True)
 class OnMachine:
-    """The persistent machine on which the runs are made, with the absolute path of a virtual bench."""
+    """The port of the persistent machine on which the runs are made; a virtual bench by its absolute path."""
 
     port: str
-    bench: str = ""
-
-    @property
-    def port_from_here(self) -> str:
-        """The port; with the absolute path of the bench if its name leads to another one from here."""
-        is_same = not self.bench or bench_of(self.port) == self.bench
-        return self.port if is_same else f"{SIMULATOR}{self.bench}"
 
 
 _KINDS = {
@@ -146,7 +138,7 @@ class StudyWriter(RowWriter):
 
     def on_machine(self, port: str) -> None:
         """Append the port of the machine on which the runs are made."""
-        self._add(OnMachine(port, bench_of(port)))
+        self._add(OnMachine(absolute_port(port)))
 
     def planned(self, runs: Sequence[PlannedRun], expected: Mapping[str, Interval] | None = None) -> None:
         """Append runs that are not in the plan: all of them in one line, or none.
@@ -227,7 +219,7 @@ def read_rows(folder: Path) -> Rows:
         elif isinstance(row, Paused):
             paused = row
         else:
-            port = row.port_from_here
+            port = row.port
     by_number = {number: [rows[n] for n in sorted(rows)] for number, rows in attempts.items()}
     in_order = tuple(added[number] for number in sorted(added))
     return Rows(by_number, reports, in_order, expected, paused, port, torn)
@@ -257,10 +249,16 @@ def is_run_of(run: PlannedRun, factors: Sequence[FactorInfo]) -> bool:
     )
 
 
-def bench_of(port: str) -> str:
-    """Return the whole path of the file of a virtual bench; empty for every other machine."""
+def bench_of(port: str) -> Path | None:
+    """Return the absolute path of the file of a virtual bench; None for other machines."""
     file = MachineAddress(port).bench_file
-    return "" if file is None else str(file.resolve())
+    return None if file is None else file.resolve()
+
+
+def absolute_port(port: str) -> str:
+    """Return a port that means the same machine from every folder."""
+    bench = bench_of(port)
+    return port if bench is None else f"{SIMULATOR}{bench}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,18 +311,15 @@ class StudyFolder:
         Raises PreconditionError E8201 if another command holds it for longer than `wait_s`.
         """
         self.rows.mkdir(parents=True, exist_ok=True)
-        path, end_s = self.rows / f"{part}.lock", time.monotonic() + wait_s
+        path = self.rows / f"{part}.lock"
         with ExitStack() as held:
             try:
                 descriptor = open_descriptor(path, os.O_CREAT | os.O_RDWR)
                 held.callback(os.close, descriptor)
-                while True:
-                    with suppress(BlockingIOError):
-                        held.enter_context(exclusive(descriptor))
-                        break
-                    if time.monotonic() >= end_s:
-                        raise failures.study_is_running(path=self.path, command=self.command("status"))
-                    time.sleep(LOOKS_EVERY_S)
+                retried(lambda: held.enter_context(exclusive(descriptor)), wait_s)
+            except BlockingIOError:
+                command = self.command("status")
+                raise failures.study_is_running(path=self.path, command=command) from None
             except OSError as refused:
                 raise failures.study_folder_not_locked(path=path, reason=refused.strerror) from refused
             yield

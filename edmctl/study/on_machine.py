@@ -26,10 +26,11 @@ from edmctl.jsonout import JsonValue, to_json_value
 from edmctl.profile.folders import SETUP_VARIABLE
 from edmctl.record.ledger import JobBegun, Ledger, SiteMachined, ToolChanged
 from edmctl.results.progress import SeriesObserver
-from edmctl.study.folder import StudyFolder, StudyState, StudyWriter
+from edmctl.study.folder import StudyFolder, StudyState, StudyWriter, absolute_port
 from edmctl.study.planning import grid_of, request_of
 from edmctl.study.results import RunKind, RunRow, RunState, StudyRun
 from edmctl.study.running import bare_row, refuse_other_recipe, row_of, run_name
+from edmctl.study.study_file import StudyMachine
 from edmctl.study.suggestions import opening_run
 from edmctl.wording import coordinates, plural, settings_words
 
@@ -68,12 +69,13 @@ def run_on_machine(folder: StudyFolder, options: MachineRuns, observer: SeriesOb
     Raises PreconditionError: E8201 another command runs the study, E8204 the tool has to be changed, E8205 a run
     waits for approval, E8207 no place is free; and the error of a run that stopped the study, with the remedy.
     """
-    if folder.source.file.machine is None:
+    machine = folder.source.file.machine
+    if machine is None:
         raise failures.study_without_machine()
     with folder.claimed(), folder.writer() as writer:
-        if folder.read().rows.port != options.port:
+        if folder.read().rows.port != absolute_port(options.port):
             writer.on_machine(options.port)
-        return _Series(folder, options, observer, writer).run()
+        return _Series(folder, options, observer, writer, machine, options.new_tool).run()
 
 
 def without_port(folder: StudyFolder) -> list[Diagnostic]:
@@ -83,20 +85,21 @@ def without_port(folder: StudyFolder) -> list[Diagnostic]:
     return [failures.study_on_virtual_machines()]
 
 
+@dataclass(slots=True)
 class _Series:
-    def __init__(
-        self, folder: StudyFolder, options: MachineRuns, observer: SeriesObserver, writer: StudyWriter
-    ) -> None:
-        assert folder.source.file.machine is not None
-        self._folder, self._options, self._observer, self._writer = folder, options, observer, writer
-        self._machine, self._new_tool = folder.source.file.machine, options.new_tool
+    folder: StudyFolder
+    options: MachineRuns
+    observer: SeriesObserver
+    writer: StudyWriter
+    machine: StudyMachine
+    new_tool: bool
 
     def run(self) -> int:
         made = 0
-        while self._options.most is None or made < self._options.most:
-            state = self._folder.read()
+        while self.options.most is None or made < self.options.most:
+            state = self.folder.read()
             remaining = sum(run.state is RunState.OPEN for run in state.runs)
-            self._observer.runs(len(state.runs) - remaining, len(state.runs))
+            self.observer.runs(len(state.runs) - remaining, len(state.runs))
             if (run := next_run(state)) is None:
                 break
             if made:
@@ -110,11 +113,11 @@ class _Series:
         from edmctl.jobs.job import carry_out
         from edmctl.jobs.resume import find_run
 
-        name = run_name(self._folder.runs, run.planned, run.attempts + 1, datetime.now(UTC))
+        name = run_name(self.folder.runs, run.planned, run.attempts + 1, datetime.now(UTC))
         row = bare_row(run.planned, run.attempts + 1, None, datetime.now(UTC))
         resumption = None
         try:
-            resumption = find_run(name.run_id, self._folder.runs, homed=self._options.homed)
+            resumption = find_run(name.run_id, self.folder.runs, homed=self.options.homed)
         except PreconditionError as error:
             if error.code not in (NOT_BEGUN, FINISHED):
                 raise
@@ -132,18 +135,18 @@ class _Series:
                 self._make(opening)
                 return
             plan, site_um = self._begun(run)
-            if self._needs_approval(run) and not self._options.approve(run, plan):
+            if self._needs_approval(run) and not self.options.approve(run, plan):
                 raise failures.run_not_approved(number=run.planned.number, value=self._command())
         verb = "making" if resumption is None else "resuming"
         settings = settings_words(run.planned.settings)
-        self._observer.note(f"{verb} run {run.planned.number}: {settings}, at {coordinates(*site_um)}")
-        lines = Ledger.open(self._folder.runs).lines if self._folder.runs.is_dir() else ()
+        self.observer.note(f"{verb} run {run.planned.number}: {settings}, at {coordinates(*site_um)}")
+        lines = Ledger.open(self.folder.runs).lines if self.folder.runs.is_dir() else ()
         serial = lines[-1].serial if lines else ""  # of the machine that has made the runs before
-        seed = self._folder.source.file.design.seed
-        report = carry_out(plan, seed, self._observer, name, self._options.warn, serial)
+        seed = self.folder.source.file.design.seed
+        report = carry_out(plan, seed, self.observer, name, self.options.warn, serial)
         if report.error is not None and not isinstance(report.error, ObjectiveNotReached):
             self._stop(run, report.error)
-        self._new_tool = False
+        self.new_tool = False
         row = replace(row, tool=tool, site_um=site_um)
         self._keep(run, row, report.to_dict(), report.run_file, report.error)
 
@@ -151,9 +154,9 @@ class _Series:
         from edmctl.jobs.resume import checked, name_of_resumed
         from edmctl.jobs.runs.opening import recovered_before
 
-        options = self._options
-        abandon = self._folder.command("judge", str(run.planned.number), "repeat", "REASON")
-        if self._new_tool:
+        options = self.options
+        abandon = self.folder.command("judge", str(run.planned.number), "repeat", "REASON")
+        if self.new_tool:
             raise failures.new_tool_in_interrupted_hole(number=run.planned.number, run=abandon)
         try:
             plan = checked(resumption, options.port, options.wait_s, options.surroundings)
@@ -167,15 +170,15 @@ class _Series:
 
     def _begun(self, run: StudyRun) -> tuple[Plan, tuple[float, float]]:
         """Return the job of a new hole at the first free place of the grid."""
-        options, planned = self._options, run.planned
-        setup = self._folder.base.setup or path_variable(SETUP_VARIABLE, options.surroundings.environ)
-        base = replace(self._folder.base, setup=setup, port=options.port, wait_s=options.wait_s)
+        options, planned = self.options, run.planned
+        setup = self.folder.base.setup or path_variable(SETUP_VARIABLE, options.surroundings.environ)
+        base = replace(self.folder.base, setup=setup, port=options.port, wait_s=options.wait_s)
         request = request_of(base, planned.settings)
         plan = check(request, options.surroundings)
-        refuse_other_recipe(plan, self._folder.recipes.get(planned.point), planned)
+        refuse_other_recipe(plan, self.folder.recipes.get(planned.point), planned)
         x_um, y_um = self._next_free_um(plan)
         site = f'sites=[{{x_um={x_um!r}, y_um={y_um!r}, name="run{planned.number:04d}"}}]'
-        request = replace(request, overrides=(*request.overrides, site), new_tool=self._new_tool)
+        request = replace(request, overrides=(*request.overrides, site), new_tool=self.new_tool)
         return check(request, options.surroundings), (x_um, y_um)
 
     def _next_free_um(self, plan: Plan) -> tuple[float, float]:
@@ -183,25 +186,25 @@ class _Series:
         profile = plan.loaded.profile
         clear_um = profile.tool.diameter_um / 2.0 + profile.work.side_gap_um + WALL_UM / 2
         taken: list[tuple[float, float, float]] = []
-        for line in Ledger.open(self._folder.runs).lines if self._folder.runs.is_dir() else ():
+        for line in Ledger.open(self.folder.runs).lines if self.folder.runs.is_dir() else ():
             entry = line.entry
             if isinstance(entry, JobBegun):
                 taken += [(x_um, y_um, entry.radius_um) for _, x_um, y_um in entry.places]
             elif isinstance(entry, SiteMachined):
                 taken.append((entry.x_um, entry.y_um, entry.radius_um))
-        for x_um, y_um in grid_of(self._machine):
+        for x_um, y_um in grid_of(self.machine):
             if all(math.hypot(x_um - x, y_um - y) >= clear_um + radius_um for x, y, radius_um in taken):
                 return x_um, y_um
         raise failures.grid_full()
 
     def _tool_of_begun(self, run: StudyRun) -> int:
         """Return the number of the tool that began a hole: that of the row before, or the one changed for it."""
-        made = _made(self._folder.read())
+        made = _made(self.folder.read())
         if not made:
             return max(1, run.planned.tool)
         files = {file for row in made for file in row.run_files}
         is_new = False
-        for line in Ledger.open(self._folder.runs).lines:
+        for line in Ledger.open(self.folder.runs).lines:
             if isinstance(line.entry, ToolChanged):
                 is_new = True
             elif isinstance(line.entry, JobBegun) and line.entry.run_file in files:
@@ -210,13 +213,13 @@ class _Series:
 
     def _checked_tool(self, run: StudyRun) -> int:
         """Return the number of the tool in the machine. Raises PreconditionError E8204 if another one is due."""
-        state = self._folder.read()
+        state = self.folder.read()
         tool, made = _tool_in_use(state, run), _made(state)
-        if self._new_tool and made:
+        if self.new_tool and made:
             return max(tool + 1, run.planned.tool)
         if is_of_next_tool(state, run):
             holes = plural(sum(row.tool == tool for row in made), "hole")
-            self._writer.paused(run, f"tool {tool} is done")
+            self.writer.paused(run, f"tool {tool} is done")
             raise failures.tool_change_due(
                 tool=tool, holes=holes, number=run.planned.number, value=self._command()
             )
@@ -224,28 +227,28 @@ class _Series:
 
     def _opening_run(self, run: StudyRun, tool: int) -> StudyRun | None:
         """Return the centre run that a tool begins with, if the plan has none because it was changed early."""
-        if not self._machine.center_runs or run.planned.kind in (RunKind.CENTER, RunKind.CONFIRMATION):
+        if not self.machine.center_runs or run.planned.kind in (RunKind.CENTER, RunKind.CONFIRMATION):
             return None
-        state = self._folder.read()
+        state = self.folder.read()
         made = _made(state)
         if not made or any(row.tool == tool for row in made):
             return None
-        for added in state.runs[len(self._folder.plan.runs) :]:
+        for added in state.runs[len(self.folder.plan.runs) :]:
             planned = added.planned
             if planned.kind is RunKind.CENTER and added.state is RunState.OPEN and planned.tool == tool:
                 return added
-        self._writer.planned([opening_run(state, tool)])
-        return self._folder.read().runs[-1]
+        self.writer.planned([opening_run(state, tool)])
+        return self.folder.read().runs[-1]
 
     def _needs_approval(self, run: StudyRun) -> bool:
-        policy = self._machine.approval
+        policy = self.machine.approval
         is_suggestion = run.planned.kind in (RunKind.SUGGESTED, RunKind.CONFIRMATION)
         return policy == "each" or (policy == "suggestions" and is_suggestion)
 
     def _stop(self, run: StudyRun, error: EdmError) -> NoReturn:
         is_worn = error.code == WORN_OUT
-        worn_tool = _tool_in_use(self._folder.read(), run) if is_worn else None
-        self._writer.paused(run, f"{error.code}: {error.message}", worn_tool)
+        worn_tool = _tool_in_use(self.folder.read(), run) if is_worn else None
+        self.writer.paused(run, f"{error.code}: {error.message}", worn_tool)
         command = self._command() + (" --homed" if "--homed" in error.hint else "")
         hint = f"Continue with `{command}`: finished runs are kept, and an interrupted hole is resumed."
         if is_worn:
@@ -261,27 +264,27 @@ class _Series:
         file: Path | None,
         error: EdmError | None,
     ) -> None:
-        base = replace(self._folder.base, port=self._options.port)
-        plan = check(request_of(base, run.planned.settings), self._options.surroundings)
+        base = replace(self.folder.base, port=self.options.port)
+        plan = check(request_of(base, run.planned.settings), self.options.surroundings)
         duration_s = (datetime.now(UTC) - datetime.fromisoformat(row.started)).total_seconds()
         row = row_of(row, plan, result, file, error)
-        order = next_order(self._folder.read())
-        self._writer.run(replace(row, duration_s=round(duration_s, 3), order=order))
+        order = next_order(self.folder.read())
+        self.writer.run(replace(row, duration_s=round(duration_s, 3), order=order))
 
     def _pause(self) -> None:
         """Wait between two runs; a signal ends the wait as it ends a job."""
-        if not self._machine.pause_s:
+        if not self.machine.pause_s:
             return
-        around = self._options.surroundings
-        stop = around.stop(self._observer.note)
-        end_s = time.monotonic() + self._machine.pause_s
+        around = self.options.surroundings
+        stop = around.stop(self.observer.note)
+        end_s = time.monotonic() + self.machine.pause_s
         with around.guard(stop, lambda: None):
             while (remaining_s := end_s - time.monotonic()) > 0:
                 time.sleep(min(0.1, remaining_s))
                 stop.check()
 
     def _command(self) -> str:
-        return self._folder.command(self._options.command, "--port", self._options.port)
+        return self.folder.command(self.options.command, "--port", self.options.port)
 
 
 def next_order(state: StudyState) -> int:
@@ -299,14 +302,11 @@ def next_run(state: StudyState) -> StudyRun | None:
 
 def needs_new_tool(state: StudyState) -> bool:
     """Return whether the next run waits for another tool: the last one is worn out or has made its holes."""
-    run = next_run(state)
+    run, paused = next_run(state), state.rows.paused
     if run is None or not state.rows.port or is_begun(state.folder, run):
         return False
-    last = state.rows.paused
-    is_worn = last is not None and (last.number, last.worn_tool) == (
-        run.planned.number,
-        _tool_in_use(state, run),
-    )
+    tool = _tool_in_use(state, run)
+    is_worn = paused is not None and (paused.number, paused.worn_tool) == (run.planned.number, tool)
     return is_worn or is_of_next_tool(state, run)
 
 
@@ -317,9 +317,10 @@ def is_of_next_tool(state: StudyState, run: StudyRun) -> bool:
         return False
     # The plan has a run for a later tool than all before: also where a tool was changed early.
     planned = {one.number: one.tool for one in state.plan.runs}
-    before = [planned[row.number] for row in made if row.number in planned]
-    begins_a_block = bool(before) and planned.get(run.planned.number, 0) > max(before)
-    return run.planned.tool > made[-1].tool or begins_a_block
+    tools = [planned[row.number] for row in made if row.number in planned]
+    return run.planned.tool > made[-1].tool or planned.get(run.planned.number, 0) > max(
+        tools, default=math.inf
+    )
 
 
 def _made(state: StudyState) -> list[RunRow]:

@@ -19,6 +19,7 @@ from edmctl.study import responses
 from edmctl.study.design import (
     AS_LEVELS,
     LEVELS,
+    OWN_KEYS,
     PAIRS,
     Points,
     center_of,
@@ -31,7 +32,6 @@ from edmctl.study.design import (
     terms_of,
 )
 from edmctl.study.results import (
-    TRUTH,
     ConstraintInfo,
     FactorInfo,
     PlanCosts,
@@ -48,20 +48,9 @@ from edmctl.wording import length, plural
 if TYPE_CHECKING:
     from numpy.random import Generator
 
-MOST_REFUSED = 5
-"""Refused settings that are shown; the others are counted."""
 TRIED_ORDERS = 200
 LADDERS = (("quadratic", "interactions", "main"), (PAIRS, LEVELS))
 """Models that are tried in turn if the study file names none."""
-OWN_KEYS = {
-    "fractional": ("resolution", "generators"),
-    "taguchi": ("array", "columns"),
-    "ccd": ("alpha",),
-    "lhs": ("runs",),
-    "sobol": ("runs",),
-    "csv": ("file",),
-}
-"""Keys of [design] that belong to one kind of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,28 +246,17 @@ class _Draft:
 
     def check(self, surroundings: Surroundings) -> None:
         """Check the job of each point. Raises ProfileError at the factors in the study file."""
-        try:
-            check(self.base, surroundings)
-        except ProfileError as error:
-            # The profile is wrong by itself, unless the settings are what is missing.
-            try:
-                check(request_of(self.base, self.runs[0].settings), surroundings)
-            except ProfileError:
-                raise ProfileError(tuple(map(self._placed, error.diagnostics))) from error
-        refused: list[Diagnostic] = []
-        refused_points = 0
+        refused: list[tuple[Diagnostic, ...]] = []
         for point, run in self.by_point.items():
             try:
                 self.jobs[point] = check(request_of(self.base, run.settings), surroundings)
             except ProfileError as error:
-                refused_points += 1
-                if refused_points <= MOST_REFUSED:
-                    refused += [self._of_run(one, run) for one in error.diagnostics if not one.is_warning]
-        if refused_points > MOST_REFUSED:
-            message = f"{refused_points} of {len(self.by_point)} settings are refused; these are the first"
-            refused += self.source.wrong(message, "narrow the factors", "factors").diagnostics
+                errors = (one for one in error.diagnostics if not one.is_warning)
+                refused.append(tuple(self._of_run(one, run) for one in errors))
         if refused:
-            raise ProfileError(tuple(dict.fromkeys(refused)))
+            message = f"{len(refused)} of {len(self.by_point)} settings are refused"
+            count = self.source.wrong(message, "correct the profile, or narrow the factors", "factors")
+            raise ProfileError((*refused[0], *(count.diagnostics if len(refused) > 1 else ())))
 
     def _placed(self, diagnostic: Diagnostic) -> Diagnostic:
         """Return a diagnostic of an override at the factor or the entry of `set` in the study file."""
@@ -444,8 +422,6 @@ class _Draft:
         design, machine, runs, optimize = self.design, self.machine, self.runs, self.file.optimize
         points, distinct = len(self.points.settings), len(set(map(settings_key, self.points.settings)))
         shares_machines = machine is None and design.seeds != "run"
-        centers = sum(run.kind is RunKind.CENTER for run in runs)
-        opens_tools = machine is not None and machine.center_runs and self.holes_per_tool is not None
         is_limited = bool(self.file.objectives) and "runs" in optimize.model_fields_set
         profile = next(iter(self.jobs.values())).loaded.profile
         adaptive, seeks = profile.adaptive, profile.adaptive.seek_reference
@@ -466,23 +442,9 @@ class _Draft:
                 "one machine (seed) in all: its sensor errors are in every run alike; replicates would show them",
             ),
             (
-                opens_tools and 2 * centers >= len(runs),
-                f"{centers} of {len(runs)} holes are centre runs, which open and close the holes of each tool: a "
-                "higher holes_per_tool, or center_runs = false, makes fewer",
-            ),
-            (
-                shares_machines and design.center_points > design.blocks,
-                "a virtual machine makes the same run twice alike: a centre point is made once a machine; "
-                'replicates, blocks or seeds = "run" make more that differ',
-            ),
-            (
                 is_limited and optimize.runs < 2 * len(runs),
                 f"[optimize] runs = {optimize.runs} leaves {max(0, optimize.runs - len(runs))} suggestions after "
                 f"the {len(runs)} runs of the design: a search needs about as many as the design",
-            ),
-            (
-                any(one.name.startswith(TRUTH) for one in self.file.responses),
-                "truth.* is what the virtual machine knows: no real machine answers it",
             ),
             (
                 seeks and "servo.reference" in keys,

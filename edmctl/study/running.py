@@ -112,21 +112,12 @@ def lost_row(run: PlannedRun, attempt: int, why: str, exit_code: int = 1) -> Run
 
 
 def bare_row(run: PlannedRun, attempt: int, seed: int | None, started: datetime) -> RunRow:
-    """Return the row of an attempt that came to its end, without any response."""
-    return RunRow(
-        number=run.number,
-        kind=str(run.kind),
-        point=run.point,
-        replicate=run.replicate,
-        block=run.block,
-        tool=run.tool,
-        site_um=None,
-        seed=seed,
-        attempt=attempt,
-        settings=run.settings,
-        started=started.isoformat(timespec="milliseconds"),
-        host=socket.gethostname(),
-    )
+    """Return the row of an attempt that has ended, without any response."""
+    names = ("number", "point", "replicate", "block", "tool", "settings")
+    planned = {name: getattr(run, name) for name in names}
+    time, host = started.isoformat(timespec="milliseconds"), socket.gethostname()
+    kind = str(run.kind)
+    return RunRow(**planned, kind=kind, site_um=None, seed=seed, attempt=attempt, started=time, host=host)
 
 
 def refuse_mixture(state: StudyState, machine: MachineAddress, command: str = "resume") -> None:
@@ -136,11 +127,11 @@ def refuse_mixture(state: StudyState, machine: MachineAddress, command: str = "r
     `command` is the one that the user has called.
     """
     port = state.rows.port
-    bench = bench_of(port) if port else ""
+    bench = bench_of(port) if port else None
     has_runs = any(run.row is not None for run in state.runs)
     if port and (not machine.lasting or (bench and bench_of(machine.selector) != bench)):
         raise failures.study_of_another_machine(port=port, making_command=state.making_command(command))
-    if bench and has_runs and not Path(bench).exists():
+    if bench and has_runs and not bench.exists():
         raise failures.study_bench_gone(bench=bench)
     if machine.lasting and not port and has_runs:
         raise failures.study_has_virtual_runs()

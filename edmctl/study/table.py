@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import io
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from edmctl import failures
-from edmctl.csv_text import number_of, table_text
+from edmctl.csv_text import number_of
 from edmctl.errors import RecordError, UsageError
 from edmctl.record.delimited import read_table
-from edmctl.record.rows import unit_of as unit_in_name
 from edmctl.study.folder import StudyState
 from edmctl.study.on_machine import needs_new_tool
-from edmctl.study.responses import KNOWN, LARGEST, RESPONSES, TRUTHS, unit_of
+from edmctl.study.responses import LARGEST, RESPONSES, TRUTHS
 from edmctl.study.results import TRUTH, RunState, StudyRun
 from edmctl.study.study_file import Response
 from edmctl.study.suggestions import counted
-from edmctl.wording import plural, unit_in
+from edmctl.wording import plural
 
 Cell = bool | int | float | str | None
 
@@ -68,57 +65,6 @@ def _row(state: StudyState, run: StudyRun, with_u95: set[str]) -> dict[str, Cell
     cells["run_file"] = " ".join(row.run_files) or None if row is not None else None
     cells["run_sha256"] = row.run_sha256 or None if row is not None else None
     return cells | {name: getattr(row, name, None) for name in ("started", "duration_s", "host")}
-
-
-def columns_of(state: StudyState) -> dict[str, tuple[str, str]]:
-    """Return the unit and the meaning of columns that have one, as Parquet keeps them; `1` is a pure number."""
-    plan = state.plan
-    found = {name: (unit_of(name) or "1", known.text) for name, known in KNOWN.items()}
-    found |= {one.name: (one.unit or "1", one.name) for one in plan.responses if one.is_manual}
-    found |= {
-        f"{name}{U95}": (unit, f"half of the 95 % interval of {name}") for name, (unit, _) in found.items()
-    }
-    for factor in plan.factors:
-        unit = unit_in(factor.key) or unit_in_name(factor.key)
-        found[factor.key] = (unit if factor.is_number else "", factor.name)
-    return found | {name: (unit_of(name), name) for name in ("x_um", "y_um", "duration_s")}
-
-
-def table_bytes(state: StudyState, form: str) -> bytes:
-    """Return the table as csv, json, jsonl or parquet. Raises PreconditionError E8092 without pyarrow."""
-    rows = table_of(state)
-    if form == "parquet":
-        return _parquet(rows, columns_of(state))
-    if form == "json":
-        return (json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
-    if form == "jsonl":
-        return "".join(json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows).encode()
-    return table_text(rows).encode()
-
-
-def _parquet(rows: Sequence[Mapping[str, Cell]], known: Mapping[str, tuple[str, str]]) -> bytes:
-    from edmctl.report.export import need_pyarrow
-
-    need_pyarrow()
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    columns = {}
-    for name in rows[0]:
-        values = [row[name] for row in rows]
-        kinds = {type(value) for value in values if value is not None}
-        if kinds <= {int, float} and float in kinds:
-            values = [None if value is None else float(value) for value in values]
-        elif len(kinds) > 1:
-            values = [None if value is None else str(value) for value in values]
-        columns[name] = pa.array(values)
-    fields = []
-    for name, column in columns.items():
-        unit, meaning = known.get(name, ("", name))
-        fields.append(pa.field(name, column.type, metadata={"units": unit, "long_name": meaning}))
-    sink = io.BytesIO()
-    pq.write_table(pa.table(list(columns.values()), schema=pa.schema(fields)), sink)
-    return sink.getvalue()
 
 
 def reported_values(state: StudyState, texts: Sequence[str]) -> dict[str, float | None]:

@@ -53,6 +53,7 @@ def test_version_loads_no_typer(tmp_path: Path) -> None:
         ["simulate", "--help"],
         ["simulate", "actuator", "--help"],
         ["profile", "check", "--help"],
+        ["study", "--help"],
         ["nonsense"],
     ],
 )

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.study.folder import open_folder
 from edmctl.study.running import run_virtual
+from tests.golden import once
 from tests.study.studies import Unseen, made
 
 if TYPE_CHECKING:
@@ -16,6 +18,5 @@ if TYPE_CHECKING:
 @pytest.fixture(scope="session")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> StudyFolder:
     """A small study that nothing has interrupted; tests that change it copy its folder."""
-    study = made(tmp_path_factory.mktemp("whole"))
-    run_virtual(study, Unseen())
-    return study
+    folder = once(tmp_path_factory, "study", lambda folder: run_virtual(made(folder), Unseen()))
+    return open_folder(folder / "made")

@@ -283,10 +283,3 @@ def test_values_in_steps_are_multiples_within_the_bounds(tmp_path: Path) -> None
     text = f"{HEAD}{RANGES}\n[design]\nkind = 'lhs'\nruns = 12\n{RESPONSES}"
     plan = planned(tmp_path, text.replace("high = 0.4", "high = 0.4\nstep = 0.07"))
     assert {run.settings["pulse.duty"] for run in plan.runs} == {0.21, 0.28, 0.35}
-
-
-@pytest.mark.parametrize(("holes", "is_noted"), [(3, True), (6, False)])
-def test_a_plan_of_many_centre_runs_says_so(tmp_path: Path, holes: int, is_noted: bool) -> None:
-    plan = planned(tmp_path, f"{SMALL}\n[machine]\nholes_per_tool = {holes}\n")
-    centers = sum(run.kind is RunKind.CENTER for run in plan.runs)
-    assert (f"{centers} of {len(plan.runs)} holes are centre runs" in " ".join(plan.notes)) is is_noted

@@ -12,18 +12,19 @@ import threading
 import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from edmctl.dataclasses import replace
 from edmctl.errors import PreconditionError
 from edmctl.jobs.parallel import FEEDER, Lost, Pool, perform, pool_of
 from edmctl.study.folder import open_folder, read_rows
 from edmctl.study.results import Judgement, RunState
 from edmctl.study.running import run_virtual
-from edmctl.study.table import missing_manual, reported_values, table_bytes, table_of
+from edmctl.study.table import missing_manual, reported_values, table_of
 from tests.cli.commands import in_process_of_its_own
-from tests.study.studies import Unseen, made, make_some, outcome, written
+from tests.study.studies import Unseen, come_to, made, make_some, outcome, written
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -121,20 +122,16 @@ def test_two_workers_make_the_same_table(tmp_path: Path, whole: StudyFolder) -> 
     assert outcome(study.read()) == outcome(whole.read())
 
 
-@pytest.mark.needs("pyarrow")
-def test_a_row_has_settings_responses_truth_and_where_it_was_made(whole: StudyFolder) -> None:
-    first = table_of(whole.read())[0]
+def test_a_row_has_settings_responses_truth_and_host(whole: StudyFolder) -> None:
+    first: dict[str, Any] = table_of(whole.read())[0]
     assert first["exit_code"] == 0
     assert first["servo.reference"] in (0.7, 0.8)
-    assert first["machining_time_s"] > 0  # type: ignore[operator]
-    assert first["depth_um_u95"] is not None
-    assert abs(first["depth_um"] - first["truth.depth_um"]) <= first["depth_um_u95"]  # type: ignore[operator]
+    assert first["machining_time_s"] > 0
+    assert abs(first["depth_um"] - first["truth.depth_um"]) <= first["depth_um_u95"]
     shares = [first[f"{kind}_share"] for kind in ("open", "normal", "arc", "short")]
-    assert sum(shares) == pytest.approx(1.0, abs=1e-5)  # type: ignore[arg-type]
+    assert sum(shares) == pytest.approx(1.0, abs=1e-5)
     assert first["host"]
     assert list(first)[-5:] == ["run_file", "run_sha256", "started", "duration_s", "host"]
-    for form in ("csv", "json", "jsonl", "parquet"):
-        assert table_bytes(whole.read(), form)
 
 
 def test_a_line_that_was_cut_off_is_no_row(tmp_path: Path, whole: StudyFolder) -> None:
@@ -168,26 +165,24 @@ def test_a_row_of_wrong_kinds_is_no_row(
     assert (dict(found.attempts), found.torn) == ({}, 1)
 
 
-def test_people_tell_and_judge(tmp_path: Path) -> None:
+def test_people_report_and_judge(tmp_path: Path) -> None:
     study = made(tmp_path)
-    make_some(study, 1, 3)
-    made_runs = [run.planned.number for run in study.read().runs if run.state is RunState.DONE]
-    number = made_runs[0]
-    assert missing_manual(study.read()) == [(one, ("ra_um",)) for one in made_runs]
+    come_to(study, lambda run: {"machining_time_s": 20.0})
+    assert missing_manual(study.read()) == [(number, ("ra_um",)) for number in (1, 2, 3, 4)]
     with study.writer() as writer:
-        writer.told(study.read().run(number), reported_values(study.read(), ["ra_um=0.31"]))
-        writer.told(study.read().run(number), reported_values(study.read(), ["ra_um=0.33"]))
-    assert study.read().run(number).value("ra_um") == 0.33
+        for text in ("ra_um=0.31", "ra_um=0.33"):
+            writer.told(study.read().run(1), reported_values(study.read(), [text]))
+    assert study.read().run(1).value("ra_um") == 0.33
     for judgement, state in (
         (Judgement.REJECT, RunState.REJECTED),
         (Judgement.ACCEPT, RunState.DONE),
         (Judgement.REPEAT, RunState.OPEN),
     ):
         with study.writer() as writer:
-            writer.judged(study.read().run(number), judgement, "a chip")
-        assert study.read().run(number).state is state
-    make_some(study, 1, 3)
-    again = study.read().run(number)
+            writer.judged(study.read().run(1), judgement, "a chip")
+        assert study.read().run(1).state is state
+    make_some(study, 1)
+    again = study.read().run(1)
     assert again.state is RunState.DONE
     assert again.row is not None
     assert again.row.attempt == 2
@@ -202,8 +197,6 @@ def test_one_command_makes_runs_at_a_time(tmp_path: Path) -> None:
 
 
 def test_a_recipe_that_changed_under_the_study_is_refused(tmp_path: Path) -> None:
-    from dataclasses import replace
-
     study = made(tmp_path)
     other = replace(study, recipes={point: ("other", "hash") for point in study.recipes})
     with pytest.raises(PreconditionError) as refused:

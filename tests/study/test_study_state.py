@@ -104,12 +104,17 @@ def optimised_once(tmp_path: Path) -> tuple[StudyFolder, list[PlannedRun]]:
 
 def test_an_optimisation_waits_for_what_people_measure(tmp_path: Path) -> None:
     folder, batch = optimised_once(tmp_path)
+    number = batch[0].number
     with pytest.raises(PreconditionError, match="waits for ra_um") as waiting:
         next_batch(folder.read())
     assert waiting.value.code == "E8216"
-    assert f"tell {folder.path} {batch[0].number} ra_um=VALUE" in waiting.value.hint
+    assert f"tell {folder.path} {number} ra_um=VALUE" in waiting.value.hint
+    with folder.writer() as writer:
+        writer.judged(folder.read().run(number), Judgement.REJECT, "chip")
+    assert [one.kind for one in next_batch(folder.read())] == [RunKind.SUGGESTED]
+    with folder.writer() as writer:
+        writer.judged(folder.read().run(number), Judgement.ACCEPT, "it was none")
     tell_all(folder)
-    assert next_batch(folder.read())
     assert any("of the optimisation" in line for line in what_next(folder.read(), "optimize"))
 
 
@@ -128,14 +133,7 @@ def test_a_suggestion_is_not_the_one_that_was_added_and_is_not_made_yet(tmp_path
     assert one_by_one[0] != one_by_one[1]
 
 
-def test_a_rejected_suggestion_is_no_longer_waited_for(tmp_path: Path) -> None:
-    folder, batch = optimised_once(tmp_path)
-    with folder.writer() as writer:
-        writer.judged(folder.read().run(batch[0].number), Judgement.REJECT, "chip")
-    assert [one.kind for one in next_batch(folder.read())] == [RunKind.SUGGESTED]
-
-
-def test_a_bench_is_the_same_file_from_every_folder_and_is_not_replaced(
+def test_a_study_stays_on_its_bench_whatever_the_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = made(tmp_path, SMALL)
@@ -145,29 +143,31 @@ def test_a_bench_is_the_same_file_from_every_folder_and_is_not_replaced(
     with folder.writer() as writer:
         writer.on_machine("sim:bench.h5")
     come_to(folder, alike)
-    assert folder.read().rows.port == "sim:bench.h5"
     refuse_mixture(folder.read(), MachineAddress("sim:bench.h5"))
     (tmp_path / "other").mkdir()
     monkeypatch.chdir(tmp_path / "other")
     state = open_folder(tmp_path / "made").read()
     assert state.rows.port == f"sim:{bench}"
-    with pytest.raises(Exception, match="made on the machine at"):
-        refuse_mixture(state, MachineAddress("sim:bench.h5"))
+    for port in ("sim:", "sim:bench.h5", f"sim:{bench}2", "/dev/ttyUSB0"):
+        with pytest.raises(UsageError, match="made on the machine at") as elsewhere:
+            refuse_mixture(state, MachineAddress(port))
+        assert (elsewhere.value.code, str(bench) in elsewhere.value.hint) == ("E2108", True)
     bench.unlink()
     with pytest.raises(PreconditionError, match="is gone") as gone:
         refuse_mixture(state, MachineAddress(f"sim:{bench}"))
     assert gone.value.code == "E8214"
 
 
-PORT = "sim:my bench.h5"
-ON = "--port 'sim:my bench.h5'"
+def on(folder: Path) -> str:
+    """The port of `begun` in a command."""
+    return f"--port 'sim:{folder}/my bench.h5'"
 
 
 def begun(folder: Path, numbers: Sequence[int], tool: int = 1) -> StudyFolder:
     """A study on a machine of which some runs are made."""
     study = made(folder, MACHINE)
     with study.writer() as writer:
-        writer.on_machine(PORT)
+        writer.on_machine(f"sim:{folder}/my bench.h5")
         for number in numbers:
             run = study.read().run(number).planned
             writer.run(replace(bare_row(run, 1, None, datetime.now(UTC)), tool=tool))
@@ -176,7 +176,7 @@ def begun(folder: Path, numbers: Sequence[int], tool: int = 1) -> StudyFolder:
 
 def test_the_machine_of_a_study_is_named(tmp_path: Path) -> None:
     study = begun(tmp_path, [1, 2])
-    assert way_on(study.read()) == f"edmctl study resume {study.path} {ON}"
+    assert way_on(study.read()) == f"edmctl study resume {study.path} {on(tmp_path)}"
     assert f"`{way_on(study.read())}`" in " ".join(what_next(study.read()))
     (study.runs).mkdir()
     (study.runs / "run0003.journal").touch()  # a hole that was begun
@@ -187,7 +187,7 @@ def test_a_tool_that_is_done_is_changed_first(tmp_path: Path) -> None:
     study = begun(tmp_path, [1, 2, 3, 4])
     (told,) = [line for line in what_next(study.read(), "optimize") if "to make" in line]
     assert "with another tool" in told
-    assert f"`edmctl study optimize {study.path} {ON} --new-tool`" in told
+    assert f"`edmctl study optimize {study.path} {on(tmp_path)} --new-tool`" in told
 
 
 def test_a_worn_tool_is_changed_until_another_one_was_used(tmp_path: Path) -> None:
@@ -204,7 +204,7 @@ def test_the_command_that_was_called_is_named_again(tmp_path: Path) -> None:
     study = begun(tmp_path, [1])
     with pytest.raises(UsageError) as refused:
         refuse_mixture(study.read(), MachineAddress("sim:"), "confirm")
-    assert f"`edmctl study confirm {study.path} {ON}`" in refused.value.hint
+    assert f"`edmctl study confirm {study.path} {on(tmp_path)}`" in refused.value.hint
 
 
 def test_a_repeated_run_on_a_machine_is_another_hole(
@@ -213,9 +213,9 @@ def test_a_repeated_run_on_a_machine_is_another_hole(
     study = begun(tmp_path, [1])
     assert main(["study", "judge", str(study.path), "1", "repeat", "a chip"]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert f"{ON}` makes it again, as another hole" in said
+    assert f"{on(tmp_path)}` makes it again, as another hole" in said
     assert main(["study", "judge", str(study.path), "2", "repeat", "a chip"]) == 2
-    assert f"`edmctl study resume {study.path} {ON}`" in capsys.readouterr().err
+    assert f"`edmctl study resume {study.path} {on(tmp_path)}`" in capsys.readouterr().err
 
 
 def test_nothing_is_added_where_runs_cannot_be_made(tmp_path: Path) -> None:

@@ -5,10 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from edmctl import failures
-from edmctl.cli.options import NOTES, command, command_group
+from edmctl.cli.options import NOTES, argument, command, command_group, option
 from edmctl.cli.outcome import Outcome, stdout_sink
 from edmctl.cli.render.terminal import (
     PLAIN,
@@ -92,26 +90,20 @@ def status(outcome: Outcome, folder: FolderArgument) -> None:
 
 
 PageOption = Annotated[
-    Path | None,
-    typer.Option("--out", "-o", metavar="PAGE", help="HTML page with all tables and figures. Default: none."),
+    Path | None, option("--out -o PAGE", "HTML page with all tables and figures. Default: none.")
 ]
-TableOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--out", "-o", metavar="TABLE", help="File: .csv, .json, .jsonl or .parquet. Default: CSV to stdout."
-    ),
-]
-FormatOption = Annotated[
-    str | None,
-    typer.Option("--format", metavar="FORMAT", help="csv, json, jsonl or parquet, whatever the ending."),
-]
+TableOption = Annotated[Path | None, option("--out -o TABLE.csv", "CSV file. Default: stdout.")]
 ProfilesOption = Annotated[
     Path | None,
-    typer.Option(
-        "--profiles", metavar="FOLDER", help="Write a profile for each point of the Pareto front instead."
-    ),
+    option("--profiles FOLDER", "Write a profile for each point of the Pareto front instead."),
 ]
-OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files of the same name.")]
+OverwriteOption = Annotated[bool, option("--overwrite", "Replace files of the same name.")]
+ValuesArgument = Annotated[
+    list[str], argument("NAME=VALUE...", "Manual responses of the run, e.g. ra_um=0.31.")
+]
+TableArgument = Annotated[Path, argument("TABLE.csv", "A column run, and one for each manual response.")]
+JudgementArgument = Annotated[Judgement, argument("accept|reject|repeat", "Which it is.")]
+ReasonArgument = Annotated[str, argument("REASON", "Kept with the run.")]
 
 
 @command("study report")
@@ -139,15 +131,15 @@ def export(
     outcome: Outcome,
     folder: FolderArgument,
     out: TableOption = None,
-    form: FormatOption = None,
     profiles: ProfilesOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Write the table of runs: a row a run, a column a factor key and response. Or profiles of the best points."""
+    """Write the table of runs as CSV: a column a factor key and response. Or profiles of the best points."""
+    from edmctl.csv_text import table_text
     from edmctl.jobs import output_files
-    from edmctl.jobs.runs.export import REPLACE_HINT, export_request
+    from edmctl.jobs.runs.export import REPLACE_HINT
     from edmctl.study.report import write_profiles
-    from edmctl.study.table import table_bytes
+    from edmctl.study.table import table_of
 
     state = opened(folder).read()
     if profiles is not None:
@@ -155,28 +147,18 @@ def export(
         outcome.result = {"profiles": [str(path) for path in written]}
         outcome.text = "\n".join(map(str, written))
         return
-    request = export_request(
-        "table", folder, ["runs"], ["runs"], form, out, as_json=outcome.output.json, overwrite=overwrite
-    )
-    content = table_bytes(state, str(request.form))
-    if request.to_stdout:
+    content = table_text(table_of(state)).encode()
+    if out is None:
+        if outcome.output.json:
+            raise failures.stdout_taken_by_json()
         with stdout_sink() as sink:
             sink.write(content)
         return
-    path = request.path_of("runs")
-    output_files.write(path, content, REPLACE_HINT, overwrite=overwrite)
-    outcome.result = {"file": str(path), "rows": len(state.runs), "bytes": len(content)}
-    outcome.text = f"{path}: {plural(len(state.runs), 'row')}"
-
-
-ValuesArgument = Annotated[
-    list[str], typer.Argument(metavar="NAME=VALUE...", help="Manual responses of the run, e.g. ra_um=0.31.")
-]
-TableArgument = Annotated[
-    Path, typer.Argument(metavar="TABLE.csv", help="A column run, and one for each manual response.")
-]
-JudgementArgument = Annotated[Judgement, typer.Argument(metavar="accept|reject|repeat", show_default=False)]
-ReasonArgument = Annotated[str, typer.Argument(metavar="REASON", help="Kept with the run.")]
+    if out.suffix.lower() != ".csv":
+        raise failures.study_table_not_csv(out=out.name)
+    output_files.write(out, content, REPLACE_HINT, overwrite=overwrite)
+    outcome.result = {"file": str(out), "rows": len(state.runs), "bytes": len(content)}
+    outcome.text = f"{out}: {plural(len(state.runs), 'row')}"
 
 
 @command("study tell")

@@ -9,7 +9,7 @@ import typer
 
 from edmctl import failures
 from edmctl.cli import completion
-from edmctl.cli.options import PROGRESS, NewToolOption, PortOption, WaitOption, command
+from edmctl.cli.options import PROGRESS, NewToolOption, PortOption, WaitOption, argument, command, option
 from edmctl.cli.outcome import Outcome, stream_style, tell, watching
 from edmctl.cli.render.terminal import USUAL_COLUMNS, wrapped
 from edmctl.cli.signals import ignore_signals, shell
@@ -26,14 +26,12 @@ if TYPE_CHECKING:
 
 StudyArgument: TypeAlias = Annotated[
     str,
-    typer.Argument(
-        metavar="FILE",
-        help="A study file (TOML), or the name of a shipped study.",
-        autocompletion=completion.studies,
+    argument(
+        "FILE", "A study file (TOML), or the name of a shipped study.", autocompletion=completion.studies
     ),
 ]
 FolderArgument: TypeAlias = Annotated[
-    Path, typer.Argument(metavar="DIR", help="The folder of a study, as `edmctl study run` made it.")
+    Path, argument("DIR", "The folder of a study, as `edmctl study run` made it.")
 ]
 
 
@@ -43,40 +41,25 @@ def _run_number(text: str) -> int:
     return int(text)
 
 
-RunNumberArgument: TypeAlias = Annotated[
-    int, typer.Argument(metavar="RUN", help="Number of a run.", parser=_run_number)
-]
+RunNumberArgument: TypeAlias = Annotated[int, argument("RUN", "Number of a run.", parser=_run_number)]
 WorkersOption: TypeAlias = Annotated[
     int | None,
-    typer.Option(
-        "--workers", metavar="N", min=1, max=1024, help="Parallel processes. Default: as many as processors."
-    ),
+    option("--workers N", "Parallel processes. Default: as many as processors.", min=1, max=1024),
 ]
 DaskOption: TypeAlias = Annotated[
-    str | None,
-    typer.Option("--dask", metavar="ADDRESS", help="Make the runs on the dask cluster of this scheduler."),
+    str | None, option("--dask ADDRESS", "Make the runs on the dask cluster of this scheduler.")
 ]
 HomedOption: TypeAlias = Annotated[
-    bool,
-    typer.Option("--homed", help="Confirm that the stages are where the restarted controller counts them."),
+    bool, option("--homed", "Confirm that the stages are where the restarted controller counts them.")
 ]
-YesOption: TypeAlias = Annotated[
-    bool, typer.Option("--yes", help="Approve every run that the study wants approved.")
-]
-OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="New folder of the study.")]
-CountOption = Annotated[
-    int, typer.Option("--count", "-n", metavar="N", min=1, max=64, help="How many suggestions.")
-]
-AddOption = Annotated[
-    bool, typer.Option("--add", help="Add them to the study's runs, to be made by `resume`.")
-]
+YesOption: TypeAlias = Annotated[bool, option("--yes", "Approve every run that the study wants approved.")]
+OutOption = Annotated[Path, option("--out DIR", "New folder of the study.")]
+CountOption = Annotated[int, option("--count -n N", "How many suggestions.", min=1, max=64)]
+AddOption = Annotated[bool, option("--add", "Add them to the study's runs, to be made by `resume`.")]
 FoldOverOption = Annotated[
-    bool,
-    typer.Option("--fold-over", help="Exchange the two levels of every factor; else a replicate is added."),
+    bool, option("--fold-over", "Exchange the two levels of every factor; else a replicate is added.")
 ]
-ConfirmRunsOption = Annotated[
-    int, typer.Option("--runs", "-n", metavar="N", min=1, max=1000, help="How many confirmation runs.")
-]
+ConfirmRunsOption = Annotated[int, option("--runs -n N", "How many confirmation runs.", min=1, max=1000)]
 
 
 @dataclass(frozen=True, slots=True)
