@@ -1510,9 +1510,9 @@ def drift_not_conclusive(*, what: object) -> ObjectiveNotReached:
     )
 
 
-def items_skipped(*, skipped_count: object, items_count: object, skipped: object) -> ObjectiveNotReached:
+def items_skipped(*, count: object, items: object, titles: object) -> ObjectiveNotReached:
     return ObjectiveNotReached(
-        f"{skipped_count} of {items_count} items were skipped: {skipped}.",
+        f"{count} of {items} items were skipped: {titles}.",
         hint="Do the checklist again, with all of them, before the machine is used.",
         code="E7050",
     )
@@ -1814,9 +1814,9 @@ def tool_length_unknown(*, label: object, stem: object, remedy: object) -> Preco
     )
 
 
-def items_failed(*, failed_count: object, items_count: object, failed: object) -> PreconditionError:
+def items_failed(*, count: object, items: object, titles: object) -> PreconditionError:
     return PreconditionError(
-        f"{failed_count} of {items_count} items failed: {failed}.",
+        f"{count} of {items} items failed: {titles}.",
         hint="The likely mistakes stand beside each; the machine is not to be used before all pass.",
         code="E8049",
     )
@@ -2044,8 +2044,18 @@ def pyarrow_missing(*, install: object) -> PreconditionError:
     )
 
 
-def board_compiler_missing(*, missing: object, remedy: object) -> PreconditionError:
-    return PreconditionError(f"{missing}.", hint=f"{remedy}", code="E8093")
+def board_compiler_missing(*, missing: object, install: object) -> PreconditionError:
+    return PreconditionError(
+        f"Not installed: {missing}.",
+        hint=f"Install ziglang: {install}; or, for --compiler gcc, on Debian and Ubuntu `sudo apt install gcc-arm-none-eabi`.",
+        code="E8093",
+    )
+
+
+def zig_does_not_run(*, problem: object, install: object) -> PreconditionError:
+    return PreconditionError(
+        f"{problem}", hint=f"Install it again: {install}; or use --compiler gcc.", code="E8093"
+    )
 
 
 def no_compiler(*, install: object) -> PreconditionError:

@@ -35,20 +35,6 @@ _FLAGS = (
     "-fno-unwind-tables",
     "-fno-asynchronous-unwind-tables",
 )
-_MISSING = {
-    None: (
-        f"Neither the package ziglang nor {_GCC} is installed",
-        f"Install ziglang: {installing('ziglang')}.",
-    ),
-    "zig": (
-        "The package ziglang is not installed",
-        f"Install it: {installing('ziglang')}; or use --compiler gcc.",
-    ),
-    "gcc": (
-        f"{_GCC} is not installed",
-        "Install it, on Debian and Ubuntu with `sudo apt install gcc-arm-none-eabi`; or use --compiler zig.",
-    ),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +75,7 @@ def build_board(
     Raises UsageError E2094 for a setting; PreconditionError: E8093 without that compiler, E8094 if the build fails;
     RunFileError E9012 if a file cannot be written.
     """
-    folder = sources or source_folder()
-    tools = toolchain(board, compiler)
+    folder, tools = sources or source_folder(), toolchain(board, compiler)
     version = f"{' '.join(tools.command)} ({version_of(tools.command)})"
     script = folder / board.script
     if not script.is_file():
@@ -133,17 +118,14 @@ def toolchain(board: Board, named: str | None) -> Toolchain:
         except PreconditionError as broken:
             if gcc is None:
                 again = installing("--force-reinstall", "ziglang")
-                raise PreconditionError(
-                    broken.message,
-                    hint=f"Install it again: {again}; or use --compiler gcc.",
-                    code=broken.code,
-                ) from broken
+                raise failures.zig_does_not_run(problem=broken.message, install=again) from broken
         else:
             return Toolchain(zig, (*board.zig, *_FLAGS), ())
     if gcc is not None:
         return Toolchain((gcc,), (*board.gcc, *_FLAGS), ("-lgcc",))
-    missing, remedy = _MISSING[named]
-    raise failures.board_compiler_missing(missing=missing, remedy=remedy)
+    names = {"zig": "the package ziglang", "gcc": _GCC}
+    missing = names[named] if named else " and ".join(names.values())
+    raise failures.board_compiler_missing(missing=missing, install=installing("ziglang"))
 
 
 def sources_of(board: Board, folder: Path) -> list[Path]:

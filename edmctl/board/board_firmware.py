@@ -1,8 +1,8 @@
-"""The firmware of a board: which one a connected board runs, whether an image is the same, and flashing it."""
+"""The firmware of a board: which one a connected board runs, and flashing it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -10,27 +10,22 @@ from typing import Any
 from edmctl import failures
 from edmctl.board.flash_tools import find_tool, flash
 from edmctl.board.image import Image, hexadecimal
-from edmctl.board.settings import settings_text
 from edmctl.core.boards import Board, board_name
 from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import Diagnostic, LinkLost, ProtocolMismatch
 from edmctl.files import lock_holder
 from edmctl.jobs.connect import line_to
-from edmctl.jobs.doctor import fail, ok, warn
 from edmctl.jobs.plan import where_is
-from edmctl.link.messages import PROTO_MAJOR, PROTO_MINOR, SCHEMA_HASH
+from edmctl.link.messages import SCHEMA_HASH
 from edmctl.link.ports import same_port, st_links
 from edmctl.link.session import Session
 from edmctl.profile.setup import Setup
-from edmctl.results.equipment import Check, CheckStatus
 from edmctl.wording import dotted
 
 AT_REST = ("BOOT", "IDLE", "FAULT", "ESTOP")
 """States in which no job runs: pulses are off, and only a retracting tool moves."""
 _STARTS_S = 3.0
 """A board starts within this after flashing."""
-_CODES = {"board": "E5003", "schema": "E5001", "firmware": "E5002"}
-_BUILD = "`edmctl firmware build --board stm32f4`"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +49,6 @@ class BoardFacts:
     boot_count: int | None
     baud: int | None
     differing: tuple[str, ...]
-
-    @property
-    def is_simulated(self) -> bool | None:
-        return None if self.board is None else self.board == 0
 
     def as_mapping(self) -> dict[str, Any]:
         return asdict(self) | {
@@ -114,72 +105,20 @@ def introduced(session: Session, patience_s: float) -> BoardFacts:
     )
 
 
-def compared(image: Image, board: BoardFacts) -> list[Check]:
-    """Return whether a board runs an image, one check for each property, with the remedy of a difference."""
+def check_runs(image: Image, board: BoardFacts) -> None:
+    """Compare what a board reports with an image. Raises ProtocolMismatch E5001 to E5003."""
     record = image.record
-    flash_it = f"`edmctl firmware flash {image.path} --port {board.port}`"
-    ours = record.protocol, record.firmware
-    theirs = board.protocol, board.firmware or record.firmware
-    if ours > theirs:
-        older, fix = "the board is older", f"Flash it: {flash_it}."
-    elif ours < theirs:
-        older = "the image is older"
-        fix = f"Build a new one: {_BUILD}; or flash the older one: {flash_it}."
-    else:
-        older = "both have the same version, so one is an unreleased build"
-        fix = f"Flash this one: {flash_it}."
-    checks = []
-    if board.board is None:
-        message = f"the image is for {image.board_name}; the controller does not report its board"
-        checks.append(warn("board", message, flash_it))
-    elif board.board == record.board:
-        checks.append(ok("board", board.board_name))
-    else:
-        message = f"the image is for {image.board_name}, this is {board.board_name}"
-        remedy = f"Name an image for {board.board_name}; `edmctl firmware info FILE` shows its board."
-        if board.board == 0:
-            remedy = "Name the port of a board; `edmctl ports` lists them. This is a virtual controller."
-        checks.append(fail("board", message, remedy))
-    if record.schema_hash == board.schema:
-        checks.append(ok("schema", f"{hexadecimal(board.schema)}, protocol {dotted(board.protocol)}"))
-    else:
-        message = (
-            f"{hexadecimal(record.schema_hash)} (protocol {dotted(record.protocol)}) in the image, "
-            f"{hexadecimal(board.schema)} ({dotted(board.protocol)}) on the board: {older}"
-        )
-        checks.append(fail("schema", message, fix))
-    firmware = dotted(record.firmware)
-    if board.firmware is None:
-        message = f"{firmware} in the image; the controller does not report its version"
-        checks.append(warn("firmware", message, flash_it))
-    elif board.firmware == record.firmware:
-        checks.append(ok("firmware", firmware))
-    else:
-        message = f"{firmware} in the image, {dotted(board.firmware)} on the board: {older}"
-        checks.append(fail("firmware", message, fix))
-    ours_text = f"protocol {PROTO_MAJOR}.{PROTO_MINOR}, schema {hexadecimal(SCHEMA_HASH)}"
-    if image.has_same_schema and board.has_same_schema:
-        checks.append(ok("edmctl", f"has the same: {ours_text}"))
-    else:
-        remedy = f"Build the image of this edmctl with {_BUILD} and flash it; or use the edmctl of the board."
-        checks.append(warn("edmctl", f"has {ours_text}, unlike image or board", remedy))
-    return checks
-
-
-def settings_not_compared(image: Image, port: str) -> Check:
-    """Return the check for ranges, steps and limits of --set, which a board does not report."""
-    message = f"not compared, a board does not report them; in the image: {settings_text(image.settings)}"
-    fix = f"`edmctl firmware flash {image.path} --port {port}` writes these."
-    return warn("settings", message, fix)
-
-
-def mismatch(image: Image, board: BoardFacts, checks: Sequence[Check]) -> ProtocolMismatch | None:
-    """Return the error of the first failed check; None if the board runs the image, as far as it reports."""
-    first = next((check for check in checks if check.status is CheckStatus.FAIL), None)
-    if first is None:
-        return None
-    message = f"The board at {board.port} does not run {image.path}: {first.name}: {first.message}."
-    return ProtocolMismatch(message, hint=first.fix, code=_CODES[first.name])
+    for name, code, ours, theirs in (
+        ("board", "E5003", record.board, board.board),
+        ("schema", "E5001", hexadecimal(record.schema_hash), hexadecimal(board.schema)),
+        ("firmware", "E5002", dotted(record.firmware), board.firmware and dotted(board.firmware)),
+    ):
+        if theirs not in (None, ours):
+            raise ProtocolMismatch(
+                f"The board at {board.port} does not run {image.path}: {name} {theirs} instead of {ours}.",
+                hint="Reset the board and look at `edmctl firmware info PORT`; then flash it again.",
+                code=code,
+            )
 
 
 @dataclass(slots=True)
@@ -257,8 +196,7 @@ def flash_board(
         write()
         say("Started; the board is asked who it is.")
         job.after = introduced(session, setup.link.hello_s + _STARTS_S)
-    if error := mismatch(job.image, job.after, compared(job.image, job.after)):
-        raise error
+    check_runs(job.image, job.after)
 
 
 def _check_before(facts: BoardFacts, board: Board) -> None:

@@ -92,7 +92,7 @@ def _openocd(board: Board, probe: str | None, size: int) -> dict[str, list[str]]
 
 @dataclass(slots=True)
 class Tool:
-    """A program for flashing. takes_first : it takes the first of several boards without a word."""
+    """A program for flashing. takes_first : of several boards, without a message."""
 
     name: str
     steps: Callable[[Board, str | None, int], dict[str, list[str]]]

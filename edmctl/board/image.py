@@ -51,21 +51,15 @@ class Section:
     has_bytes: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Segment:
-    """Bytes of the file that are loaded to an address."""
-
-    offset: int
-    load_address: int
-    size: int
-
-
 class ForeignElf(ValueError):
     """An ELF of another kind of machine."""
 
 
 class Elf:
-    """An ELF in memory; symbols have address and size. Raises ValueError if damaged, ForeignElf if not for ARM."""
+    """An ELF in memory. Raises ValueError if damaged, ForeignElf if not for ARM.
+
+    segments : offset, load address and size of what is loaded. symbols : address and size by name.
+    """
 
     def __init__(self, data: bytes) -> None:
         self.data = data
@@ -89,17 +83,19 @@ class Elf:
     ) -> None:
         sections, names = rest
         programs = [_SEGMENT.unpack_from(self.data, segments_at + n * segment_size) for n in range(segments)]
-        self.segments = [Segment(p[1], p[3], p[4]) for p in programs if p[0] == _LOADED and p[4]]
-        if any(s.offset + s.size > len(self.data) for s in self.segments):
+        self.segments: list[tuple[int, int, int]] = [
+            (p[1], p[3], p[4]) for p in programs if p[0] == _LOADED and p[4]
+        ]
+        if any(at + size > len(self.data) for at, _, size in self.segments):
             raise ValueError(_CUT_OFF)
         headers = [_SECTION.unpack_from(self.data, sections_at + n * section_size) for n in range(sections)]
         self.sections: list[Section] = []
         self.symbols: dict[str, tuple[int, int]] = {}
         for name, kind, flags, address, offset, size, link, *_ in headers:
             load_address = address
-            for segment in self.segments:
-                if kind != _NOBITS and 0 <= offset - segment.offset < segment.size:
-                    load_address = segment.load_address + offset - segment.offset
+            for begin, loaded_to, length in self.segments:
+                if kind != _NOBITS and 0 <= offset - begin < length:
+                    load_address = loaded_to + offset - begin
             text = self._text(headers[names][4] + name)
             is_allocated = bool(flags & _ALLOCATED)
             self.sections.append(Section(text, address, load_address, size, is_allocated, kind != _NOBITS))
@@ -118,21 +114,20 @@ class Elf:
         """Return the lowest load address, and all bytes loaded from there on, with gaps as erased flash."""
         if not self.segments:
             raise ValueError("nothing of it is loaded")
-        base = min(s.load_address for s in self.segments)
-        end = max(s.load_address + s.size for s in self.segments)
+        base = min(address for _, address, _ in self.segments)
+        end = max(address + size for _, address, size in self.segments)
         if end - base > _FARTHEST:
             raise ValueError("its parts are loaded too far apart")
         image = bytearray(_ERASED * (end - base))
-        for s in self.segments:
-            at = s.load_address - base
-            image[at : at + s.size] = self.data[s.offset : s.offset + s.size]
+        for at, address, size in self.segments:
+            image[address - base : address - base + size] = self.data[at : at + size]
         return base, bytes(image)
 
     def offset_of(self, load_address: int) -> int:
         """Return where in the file the byte of a load address is."""
-        for s in self.segments:
-            if 0 <= load_address - s.load_address < s.size:
-                return s.offset + load_address - s.load_address
+        for at, address, size in self.segments:
+            if 0 <= load_address - address < size:
+                return at + load_address - address
         raise ValueError(f"nothing of it is loaded to {hexadecimal(load_address)}")
 
 
@@ -181,21 +176,14 @@ class Image:
 
     @property
     def has_same_schema(self) -> bool:
-        """Whether it has the schema of this program."""
         return self.record.schema_hash == SCHEMA_HASH
 
-    def memories_of(self, section: Section) -> list[str]:
-        """Return the memories that a section takes: initial values take flash too."""
-        places = (section.address, section.load_address)
-        return list(
-            dict.fromkeys((self.board and self.board.memory_of(place)) or "elsewhere" for place in places)
-        )
-
     def used_bytes(self) -> dict[str, int]:
-        """Return the bytes of each memory that sections take."""
+        """Return the bytes of each memory that sections take: initial values take flash too."""
         used: dict[str, int] = {}
         for section in self.sections:
-            for memory in self.memories_of(section):
+            for place in {section.address, section.load_address}:
+                memory = (self.board and self.board.memory_of(place)) or "elsewhere"
                 used[memory] = used.get(memory, 0) + section.size_bytes
         return used
 
@@ -213,15 +201,6 @@ class Image:
             "crc32": hexadecimal(self.record.crc32),
             "settings": self.settings,
             "used_bytes": self.used_bytes(),
-            "sections": [
-                {
-                    "name": s.name,
-                    "address": hexadecimal(s.address),
-                    "size_bytes": s.size_bytes,
-                    "memories": self.memories_of(s),
-                }
-                for s in self.sections
-            ],
         }
 
 

@@ -15,11 +15,14 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.board.board_firmware import board_at, check_runs
+from edmctl.board.image import read_image
 from edmctl.core.build import source_version
+from edmctl.errors import ProtocolMismatch
 from edmctl.link.messages import (
     SCHEMA_HASH,
     Arm,
@@ -36,6 +39,7 @@ from edmctl.link.messages import (
 from edmctl.link.opening import open_line
 from edmctl.link.ports import PortInfo
 from edmctl.link.session import Session
+from edmctl.profile.setup import Setup
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from tests.cli.commands import Here, Said, command, environment
 from tests.firmware.image_bytes import image_bytes
@@ -197,56 +201,20 @@ def test_info_of_nothing_is_told(here: Here, what: str, code: str) -> None:
     assert said.exit_code == int(code[1])
 
 
-def test_verify_finds_a_board_that_runs_the_image(here: Here, image: str, port: str) -> None:
-    said = here("firmware", "verify", image, port, "--json")
-    assert said.exit_code == 0, said.err
-    assert {check["name"]: check["status"] for check in said.document["result"]["checks"]} == {
-        "board": "ok",
-        "schema": "ok",
-        "firmware": "ok",
-        "edmctl": "ok",
-        "settings": "warn",
-    }
-    assert "settings" in (text := here("firmware", "verify", image, port).out)
-    assert "not compared" in text
-
-
-def test_verify_of_a_virtual_controller_names_no_image_for_one(
-    here: Here, image: str, port: str, bench: VirtualBench
-) -> None:
-    bench.controller.board = 0
-    error = here("firmware", "verify", image, port, "--json").document["error"]
-    assert error["code"] == "E5003"
-    assert error["hint"].startswith("Name the port of a board")
-    assert "image for" not in error["hint"]
-
-
-@pytest.mark.parametrize(
-    ("differs", "code", "older"),
-    [
-        ({"board": 2}, "E5003", ""),
-        ({"schema_hash": 7, "protocol": (1, 0)}, "E5001", "the image is older"),
-        ({"schema_hash": 7, "protocol": (1, 99)}, "E5001", "the board is older"),
-        ({"schema_hash": 7}, "E5001", "both have the same version"),
-        ({"firmware": (1, 0, 1)}, "E5002", "the board is older"),
-        ({"firmware": (0, 9, 9)}, "E5002", "the image is older"),
-    ],
-)
-def test_verify_says_what_differs_and_which_side_is_older(
-    here: Here, image: str, port: str, differs: dict[str, Any], code: str, older: str
-) -> None:
-    Path(image).write_bytes(image_bytes(**differs))
-    said = here("firmware", "verify", image, port, "--json")
-    error = said.document["error"]
-    assert (said.exit_code, error["code"]) == (5, code)
-    assert older in error["message"]
-    assert "edmctl firmware" in error["hint"]
-
-
-def test_verify_of_a_damaged_image_asks_no_board(here: Here, image: str) -> None:
-    Path(image).write_bytes(image_bytes()[:-1])
-    said = here("firmware", "verify", image, "/dev/nothing-of-the-kind", "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (3, "E3682")
+def test_a_board_that_runs_another_image_is_reported(port: str, image: str) -> None:
+    read = read_image(Path(image))
+    board = board_at(port, Setup(), 0.0, print, os.environ)
+    board = replace(board, firmware=read.record.firmware)
+    check_runs(read, board)
+    check_runs(read, replace(board, board=None, firmware=None))
+    for differs, code in (
+        ({"board": 2}, "E5003"),
+        ({"schema": 7}, "E5001"),
+        ({"firmware": (1, 0, 1)}, "E5002"),
+    ):
+        with pytest.raises(ProtocolMismatch, match="does not run") as caught:
+            check_runs(read, replace(board, **differs))
+        assert caught.value.code == code
 
 
 @pytest.mark.parametrize("tool", TOOLS)

@@ -86,8 +86,6 @@ def test_both_files_hold_one_image_that_knows_its_size_and_check(
     used = image.used_bytes()
     assert (used["CCM"], used["RAM"]) == (3000, 420)
     assert used["flash"] <= record.size_bytes < used["flash"] + 16
-    initial = next(section for section in image.sections if section.name == ".data")
-    assert (image.memories_of(initial), initial.size_bytes) == (["RAM", "flash"], 20)
 
 
 def test_the_same_sources_give_the_same_image(sources: Path, tmp_path: Path, compiler: str) -> None:
@@ -134,7 +132,7 @@ def test_a_missing_compiler_is_told_with_the_remedy(
     sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(PreconditionError, match="arm-none-eabi-gcc is not installed") as caught:
+    with pytest.raises(PreconditionError, match="Not installed: arm-none-eabi-gcc") as caught:
         built(sources, tmp_path / "image", "gcc")
     assert (caught.value.code, "apt install gcc-arm-none-eabi" in caught.value.hint) == ("E8093", True)
     assert "CC" not in caught.value.hint

@@ -57,14 +57,6 @@ WhatArgument = Annotated[
     argument("FILE|PORT", "An image (ELF or BIN), or the port of a board.", autocompletion=completion.ports),
 ]
 ImageArgument: TypeAlias = Annotated[Path, argument("FILE", "Image of a board: ELF or BIN.")]
-BoardPortArgument: TypeAlias = Annotated[
-    str,
-    argument(
-        "PORT",
-        "Where the board is: a serial port, socket://HOST:PORT, serial:ID or auto.",
-        autocompletion=completion.ports,
-    ),
-]
 ToolOption = Annotated[
     str | None, option("--tool pyocd|openocd", "Default: the first of them that is installed.")
 ]
@@ -141,8 +133,7 @@ def build(
     made = build_board(BOARDS[str(board)], place, compiler, settings=settings or [])
     files = {"elf": str(made.elf), "bin": str(made.bin)}
     outcome.result = {**made.image.as_mapping(), "files": files, "compiler": made.compiler}
-    outcome.show(lambda style: render_image(made.image, style))
-    outcome.text = f"\nBuilt by {made.compiler}: {', '.join(files.values())}"
+    outcome.text = f"{render_image(made.image)}\n\nBuilt by {made.compiler}: {', '.join(files.values())}"
 
 
 @app.command()
@@ -161,10 +152,10 @@ def info(outcome: Outcome, what: WhatArgument, setup: SetupOption = None, wait: 
         image = read_image(user_path(what))
         outcome.warn(image_warnings(image))
         outcome.result = {"image": image.as_mapping(), "board": None}
-        outcome.show(lambda style: render_image(image, style))
+        outcome.text = render_image(image)
         return
     board = board_at(what, load_setup(setup), wait, partial(tell, outcome.output), shell().environ)
-    outcome.simulated = board.is_simulated
+    outcome.simulated = None if board.board is None else board.board == 0
     outcome.result = {"image": None, "board": board.as_mapping()}
     outcome.text = render_board(board)
 
@@ -176,41 +167,6 @@ def _is_file(what: str) -> bool:
     with suppress(OSError, ValueError):
         return not stat.S_ISCHR(user_path(what).stat().st_mode)
     return user_path(what).suffix.lower() in (".elf", ".bin")
-
-
-@app.command()
-@command("firmware verify", NOTES)
-def verify(
-    outcome: Outcome,
-    image: ImageArgument,
-    port: BoardPortArgument,
-    setup: SetupOption = None,
-    wait: WaitOption = 0.0,
-) -> None:
-    """Compare board, schema and version of an image with those of a connected board.
-
-    No session is opened, so a job on the board continues. Bytes of the flash and --set values are not compared;
-    `edmctl firmware flash` reads the flash back.
-    """
-    from dataclasses import asdict
-
-    from edmctl.board.board_firmware import board_at, compared, mismatch, settings_not_compared
-    from edmctl.board.image import read_image
-    from edmctl.cli.render.procedure_tables import render_checks
-    from edmctl.profile.setup import load_setup
-
-    read = read_image(image)
-    board = board_at(port, load_setup(setup), wait, partial(tell, outcome.output), shell().environ)
-    outcome.simulated = board.is_simulated
-    checks = [*compared(read, board), settings_not_compared(read, board.port)]
-    outcome.result = {
-        "image": read.as_mapping(),
-        "board": board.as_mapping(),
-        "checks": [{**asdict(check), "status": check.status.value} for check in checks],
-    }
-    outcome.show(lambda style: render_checks(checks, style))
-    if error := mismatch(read, board, checks):
-        raise error
 
 
 @app.command()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from edmctl.board.board_firmware import BoardFacts
 from edmctl.board.image import Image, hexadecimal
 from edmctl.board.settings import settings_text
-from edmctl.cli.render.terminal import PLAIN, Ink, Style, render_columns
+from edmctl.cli.render.terminal import PLAIN, Ink, Style
 from edmctl.wording import dotted
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ _INKS = {
     "skipped": Ink.WARNING,
     "absent": Ink.FAINT,
 }
-_INDENT = 10
 
 
 def render_first_start(report: FirstStartReport, style: Style = PLAIN) -> str:
@@ -45,19 +44,19 @@ def render_first_start(report: FirstStartReport, style: Style = PLAIN) -> str:
 
 def _item(item: Item, style: Style) -> list[str]:
     status = style.paint(f"{item.status:8}", _INKS[item.status])
-    lines = [f"{status}  {item.title}{f': {item.reason}' if item.reason else ''}"]
+    lines = [f"{status}  {item.title}{item.reason and ': '}{item.reason}"]
     if item.read:
         rows = (("done", item.done), ("expected", item.expected), ("read", item.read))
-        lines += [f"{'':{_INDENT}}{name:10}{text}" for name, text in rows]
+        lines += [f"{'':10}{name:10}{text}" for name, text in rows]
     for cause in item.causes:
         nets = f"; net {', '.join(cause.nets)}" if cause.nets else ""
-        lines.append(f"{'':{_INDENT}}{style.paint('likely    ', Ink.NOTE)}{cause.text}{nets}")
+        lines.append(f"{'':10}{style.paint('likely    ', Ink.NOTE)}{cause.text}{nets}")
     return lines
 
 
-def render_image(image: Image, style: Style = PLAIN) -> str:
-    """Render what an image is, and of an ELF its sections."""
-    record = image.record
+def render_image(image: Image) -> str:
+    """Render what an image is, and of an ELF the memory that it takes."""
+    record, used = image.record, image.used_bytes()
     rows = [
         ("image", f"{image.path} ({image.kind}), whole"),
         ("board", f"{image.board_name} (board {record.board})"),
@@ -68,15 +67,9 @@ def render_image(image: Image, style: Style = PLAIN) -> str:
         ("CRC-32", hexadecimal(record.crc32)),
         ("settings", settings_text(image.settings)),
     ]
-    parts = [_pairs(rows)]
-    if image.sections:
-        table = [
-            (s.name, hexadecimal(s.address), str(s.size_bytes), " and ".join(image.memories_of(s)))
-            for s in image.sections
-        ]
-        parts.append(render_columns(("section", "address", "bytes", "memory"), table, style, "<>><"))
-        parts.append(", ".join(f"{memory} {size} bytes" for memory, size in image.used_bytes().items()))
-    return "\n\n".join(parts)
+    if used:
+        rows.append(("memory", ", ".join(f"{memory} {size} bytes" for memory, size in used.items())))
+    return _pairs(rows)
 
 
 def render_board(board: BoardFacts) -> str:

@@ -26,8 +26,7 @@ DEAD = 0.1
 MONITOR_GAIN, MONITOR_OFFSET_V, MONITOR_STEP_V = 0.05, 1.5, 1.5
 SMALL_GAIN, LARGE_GAIN = (0.25, 1.6), (0.5, 1.4)
 """Shares of the setup's gain, which is that of the whole stroke: hysteresis reduces it for small steps."""
-BACK_UM = 10.0
-SAFE_UM = 20.0
+BACK_UM, SAFE_UM = 10.0, 20.0
 
 
 @dataclass(frozen=True, slots=True)

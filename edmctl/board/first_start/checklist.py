@@ -93,9 +93,6 @@ class FirstStartReport:
     absent: tuple[str, ...]
     ended: str
 
-    def titles(self, status: ItemStatus) -> list[str]:
-        return [item.title for item in self.items if item.status is status]
-
 
 @dataclass(frozen=True, slots=True)
 class Finding:

@@ -24,13 +24,11 @@ from edmctl.machine.faults import INTERLOCKS
 from edmctl.machine.interface import Interlock, TelemetryFlag
 from edmctl.wording import decimal
 
-LINE_S = 0.5
-TEMPERATURES_C = (5.0, 45.0)
-GAP_ZERO_V = 1.0
+LINE_S, TEMPERATURES_C = 0.5, (5.0, 45.0)
+GAP_ZERO_V, MONITOR_ZERO_V = 1.0, 1.5
 BATTERY_SHARE, BATTERY_V = 0.1, 0.3
 """Tolerance of a battery's reading, relative and absolute: divider of 1 % resistors, and converter."""
 USUAL_BATTERY_V, APART_V = 9.0, 2.0
-MONITOR_ZERO_V = 1.5
 REST_UM, NOISE_UM = 60.0, 2.0
 UNREADABLE_UM = 2000.0
 """A controller reports a displacement beyond this if its reading has failed."""
@@ -156,9 +154,8 @@ def supply_off(c: Checklist) -> Finding:
 @check("temperature", low=TEMPERATURES_C[0], high=TEMPERATURES_C[1])
 def temperature(c: Checklist) -> Finding:
     value_c = c.mean("temperature_c")
-    read = f"{decimal(value_c, 1)} °C"
-    is_right = TEMPERATURES_C[0] <= value_c <= TEMPERATURES_C[1]
-    return Finding(read) if is_right else wrong(read, "temperature_wrong")
+    read, (low_c, high_c) = f"{decimal(value_c, 1)} °C", TEMPERATURES_C
+    return Finding(read) if low_c <= value_c <= high_c else wrong(read, "temperature_wrong")
 
 
 @check("break-chain")

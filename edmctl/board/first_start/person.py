@@ -65,8 +65,6 @@ def is_number(text: str) -> bool:
         return False
 
 
-BEFORE = "+HV_SUPPLY +AMPLIFIER_DEAD"
-"""Both supplies of a virtual machine are off at first."""
 _BATTERIES = {"battery-volts": str(BATTERY_V), "low-battery-volts": str(LOW_BATTERY_V)}
 _AXES = {"x-direction": Axis.X, "y-direction": Axis.Y, "theta-direction": Axis.THETA}
 _MOVED = (100.0, 100.0, 1.0)
@@ -79,7 +77,7 @@ class VirtualHands:
     def __init__(self, bench: VirtualBench, person: Person) -> None:
         self._bench, self._person = bench, person
         self._positions = self._now()
-        self._change(BEFORE)
+        self._change("+HV_SUPPLY +AMPLIFIER_DEAD")  # both supplies are off at first
 
     def ask(self, key: str) -> str:
         """Act or observe unless the person has answered beforehand."""

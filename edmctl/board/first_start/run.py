@@ -70,11 +70,8 @@ def first_start(
 
 def verdict(report: FirstStartReport) -> EdmError | None:
     """Return the error of a complete checklist with failed or, else, skipped items; None if all is right."""
-    count = len(report.items)
-    if failed := report.titles(ItemStatus.FAIL):
-        return failures.items_failed(failed_count=len(failed), items_count=count, failed=", ".join(failed))
-    if skipped := report.titles(ItemStatus.SKIPPED):
-        return failures.items_skipped(
-            skipped_count=len(skipped), items_count=count, skipped=", ".join(skipped)
-        )
+    endings = {ItemStatus.FAIL: failures.items_failed, ItemStatus.SKIPPED: failures.items_skipped}
+    for status, failure in endings.items():
+        if titles := [item.title for item in report.items if item.status is status]:
+            return failure(count=len(titles), items=len(report.items), titles=", ".join(titles))
     return None

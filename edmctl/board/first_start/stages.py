@@ -15,8 +15,7 @@ from edmctl.wording import decimal
 
 STAGE_MOVE = {Axis.X: 1000.0, Axis.Y: 1000.0, Axis.THETA: 5.0}
 """µm, and degrees of theta."""
-SWITCHED_S = 0.3
-SAFE_UM = 20.0
+SWITCHED_S, SAFE_UM = 0.3, 20.0
 
 
 @check("supply-on", volts=GAP_ZERO_V)
