@@ -330,9 +330,9 @@ DECISION = (
     ),
     Mutation(
         "a third burn ends the cut however late",
-        "ArcRecovery.answer",
-        "self._number > 2 and soon",
-        "self._number > 2",
+        "Cut.recover",
+        "self._burns > 2 and is_soon",
+        "self._burns > 2",
         "procedures/test_recoveries.py",
     ),
 )

@@ -1,8 +1,7 @@
 """Record the motions from which an actuator is identified: at the parking place, without pulses.
 
 Full swings, first-order reversal curves, minor loops, holds and cycles of 1 s to 50 s separate hysteresis, creep and
-delay. Swings of up to 50 Hz, sampled ten times as fast, separate lag from delay. Typical motions of a job follow,
-because some actuators slide by many small moves.
+delay; swings of up to 50 Hz lag from delay. Typical motions of a job follow, as some actuators slide by small moves.
 """
 
 from __future__ import annotations
@@ -34,11 +33,9 @@ from edmctl.results.progress import Observer, Phase, Progress
 
 RATE_HZ = 200.0  # 60 000 samples in five minutes; the fastest swing, of 1 s, has 200 of them
 FAST_HZ = 1000.0
-BATCH, FRAME_S = 14, 0.1
-"""Samples in a telemetry frame, and longest wait for one: a host stops after a second without samples."""
+BATCH, FRAME_S = 14, 0.1  # samples in a telemetry frame, and longest wait for one
 FAST_BATCH = 4  # samples in a frame of the fast legs, whose moves wait for the frame with their end
-SAFE_Z_UM = 20.0
-"""The stages may move while the tool reads at most this: above every workpiece that a job may start from."""
+SAFE_Z_UM = 20.0  # the stages may move while the tool reads at most this: above every permitted workpiece
 REST_S = 1.0  # rest before the first swing, so that the record starts from an actuator at rest
 
 
@@ -64,10 +61,7 @@ class CalibrationPlan:
 
     @property
     def duration_s(self) -> float:
-        """Least length of the record: rests, legs, and a sample at every turning point.
-
-        Each turn also waits for the line, on a virtual machine for up to 0.1 s.
-        """
+        """Least length of the record: rests, legs, and a sample at every turning point."""
         return sum(self._lengths_s)
 
     @property
@@ -78,15 +72,13 @@ class CalibrationPlan:
 
     @property
     def _lengths_s(self) -> tuple[float, float]:
-        slow_s = REST_S + sum(_length_s(legs, self.period_s) for legs in (self.legs, self.use))
-        return slow_s, _length_s(self.fast, 1e-6 * self.fast_period_us)
+        def length_s(legs: Sequence[Leg], period_s: float) -> float:
+            starts_v = [0.0, *(leg.u_v for leg in legs[:-1])]
+            moves = sum(leg.u_v != start_v for leg, start_v in zip(legs, starts_v, strict=False))
+            return sum(leg.duration_s for leg in legs) + period_s * moves
 
-
-def _length_s(legs: Sequence[Leg], period_s: float) -> float:
-    """Return the time of legs from 0 V, with a sample at every turning point."""
-    starts_v = [0.0, *(leg.u_v for leg in legs[:-1])]
-    moves = sum(leg.u_v != start_v for leg, start_v in zip(legs, starts_v, strict=False))
-    return sum(leg.duration_s for leg in legs) + period_s * moves
+        slow_s = REST_S + sum(length_s(legs, self.period_s) for legs in (self.legs, self.use))
+        return slow_s, length_s(self.fast, 1e-6 * self.fast_period_us)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,13 +93,11 @@ def plan_calibration(setup: Setup) -> CalibrationPlan:
     """Plan over the whole stroke. Raises PreconditionError E8034 without a sensor."""
     if not setup.sensor.fitted:
         raise failures.calibrating_without_sensor()
-    tick_us = setup.controller.servo_period_us
-    high_v, slew_v_s = setup.actuator.stroke_v, min(SLEW_V_S, setup.actuator.slew_v_s)
+    tick_us, most_hz = setup.controller.servo_period_us, setup.controller.telemetry_hz
     slow_us, fast_us = (
-        tick_us * max(1, round(1e6 / min(rate_hz, setup.controller.telemetry_hz) / tick_us))
-        for rate_hz in (RATE_HZ, FAST_HZ)
+        tick_us * max(1, round(1e6 / min(rate_hz, most_hz) / tick_us)) for rate_hz in (RATE_HZ, FAST_HZ)
     )
-    slow, fast, use = calibration_legs(high_v, slew_v_s)
+    slow, fast, use = calibration_legs(setup.actuator.stroke_v, min(SLEW_V_S, setup.actuator.slew_v_s))
     return CalibrationPlan(legs=slow, period_us=slow_us, fast=fast, fast_period_us=fast_us, use=use)
 
 
@@ -145,7 +135,6 @@ def _sample(machine: Machine, period_us: int, listener: _Listener, *, fast: bool
 
 
 def _drive_fast(machine: Machine, plan: CalibrationPlan, listener: _Listener) -> None:
-    """Drive the fast legs with telemetry at their rate, which changes at constant voltage."""
     machine.rest(FRAME_S)
     machine.stop_telemetry()
     _sample(machine, plan.fast_period_us, listener, fast=True)
@@ -158,41 +147,33 @@ def _drive_fast(machine: Machine, plan: CalibrationPlan, listener: _Listener) ->
 
 
 def _park(machine: Machine, setup: Setup, listener: _Listener) -> None:
-    """Retract, and move to the parking place if the machine is not there yet."""
+    """Retract, and move to the parking place if the machine is not there yet, as soon as creep allows that."""
     stage = setup.stage
     machine.ramp(0.0, retract_v_s(setup))
     status = machine.status()
+    places = ((Axis.X, status.x_um, stage.park_x_um), (Axis.Y, status.y_um, stage.park_y_um))
     ways = [
         (axis, target_um)
-        for axis, here_um, target_um in (
-            (Axis.X, status.x_um, stage.park_x_um),
-            (Axis.Y, status.y_um, stage.park_y_um),
-        )
+        for axis, here_um, target_um in places
         if abs(target_um - here_um) > stage.repeatability_um
     ]
     if not ways:
         return
     listener.report(Phase.MOVING, machine.time_s)
-    _wait_for_creep(machine, setup)
-    for axis, target_um in ways:
-        machine.move_stage(axis, target_um, stage.speed_um_s)
-
-
-def _wait_for_creep(machine: Machine, setup: Setup) -> None:
-    """Wait until creep allows the stages to move, counted from home."""
     end_s = machine.time_s + CREEP_WAIT_S
     while True:
         here_um = machine.status().displacement_um
         drift_um = DRIFT_SDS * setup.sensor.drift_um_per_s * machine.uptime_s
-        home_um = first_home_um(here_um, 0.0, drift_um)
         if here_um + drift_um <= SAFE_Z_UM - READING_MARGIN_UM:
-            machine.set_zero(home_um)
-            return
+            break
         if machine.time_s > end_s:
             raise failures.sensor_reading_at_rest(
                 here_um=here_um, drift_um=drift_um, safe_z_um=SAFE_Z_UM, stages_by_hand=stages_by_hand()
             )
         machine.rest(CREEP_LOOK_S)
+    machine.set_zero(first_home_um(here_um, 0.0, drift_um))
+    for axis, target_um in ways:
+        machine.move_stage(axis, target_um, stage.speed_um_s)
 
 
 def _drive(machine: Machine, legs: Sequence[Leg], period_us: int, start_v: float = 0.0) -> None:
@@ -232,7 +213,6 @@ class _Listener(MachineListener):
         return Record(t_s, block.actuator_v, block.displacement_um, None, machine.identity.serial)
 
     def telemetry(self, block: TelemetryBlock) -> None:
-        """Keep consecutive samples."""
         self.blocks.append(block)
         self.lost_frames += block.missing_frames
         self.newest_s = float(block.time_s[-1])
@@ -256,5 +236,4 @@ class _Listener(MachineListener):
         )
 
     def log(self, level: int, text: str) -> None:
-        """Pass on a line of the controller's log."""
         self.observer.note(f"controller: {text}")

@@ -1,11 +1,10 @@
 """The displacement by the actuator model: estimator and slow correction of a run, and a machine without a sensor.
 
-The estimator learns from the sensor during the conditioning swings (`home`), at every rest at 0 V before the tool
-works (zero only), and from the touches of a finished hole. Between rests its displacements do not depend on the
-sensor. Without a sensor the controller reports the mean gain times the voltage, and samples, events and touches get
-the estimate at their time. Heights that a motion must not pass are sent as the voltage of the exact inverse, with a
-margin for its error. The end of a cut is watched ten times a second, because creep changes its voltage; the
-controller has a limit beyond.
+The estimator learns from the sensor during the conditioning swings (`home`), at every rest at 0 V (zero only), and
+from the touches of a finished hole. Without a sensor the controller reports the mean gain times the voltage, and
+samples, events and touches get the estimate at their time. Heights that a motion must not pass are sent as the
+voltage of the exact inverse, with a margin; the end of a cut is watched by the host, because creep changes its
+voltage.
 """
 
 from __future__ import annotations
@@ -38,21 +37,16 @@ from edmctl.machine.interface import (
     TelemetrySettings,
     Touch,
     TouchRequest,
+    joined,
 )
 from edmctl.procedures.job import CalibratedActuator
 
 HOME_READINGS = 32  # number of pieces in which the swings are compared
-PIECES_ALIKE = 4
-"""Number of neighbouring pieces that share one error of the model, which changes slowly along a swing."""
-RECORD_SHARE = 0.2
-"""A record shows creep with time constants up to this share of its length; slower creep is extrapolated."""
+PIECES_ALIKE = 4  # neighbouring pieces that share one error of the model, which changes slowly along a swing
+RECORD_SHARE = 0.2  # a record shows creep with time constants up to this share of its length
 CALIBRATION_S = 390.0  # length of the record of `edmctl calibrate`
-CREEP_U_REL = 0.08
-"""Standard uncertainty of extrapolated creep, relative: one rate per decade explains the steps and sines of
-Muralidhara et al. 2009 (figs. 3 and 4) within 5 to 10 % [assumed]."""
-CREEPING_U_UM = 0.25
-"""Standard uncertainty of a length because the creeping play operators are unknown: thresholds from 0 to 5 % of the
-span differ by this [assumed]."""
+CREEP_U_REL = 0.08  # of extrapolated creep: Muralidhara et al. 2009, figs. 3 and 4, within 5 to 10 %
+CREEPING_U_UM = 0.25  # of a length: thresholds of the play from 0 to 5 % of the span differ by this [assumed]
 LEAST_SD_UM = 0.05  # least standard deviation of a model: repeatability of the sensor
 SPAN_S = 15.0  # longest time back: a touch is reported at the end of its dwell, which is 10 s at most
 SMOOTHED_S = 0.1  # averaging time: 0.15 µm of sensor noise a sample becomes 0.05 µm at 100 Hz
@@ -99,20 +93,15 @@ class Tracker:
         self._noted.append((self._raw_um(estimated_um), measured_um))
 
     def learn_noted(self) -> None:
-        """Correct by the readings of the finished hole."""
         for y_um, measured_um in self._noted:
             self.correction.observe(self.correction.time_s, y_um, measured_um, self.sd_um)
         self._noted.clear()
         self.estimator.correct(self.correction.gain, self.correction.offset_um)
 
     def learn(self, readings: Iterable[tuple[float, float, float]], alike: int = 1) -> None:
-        """Correct by (s, estimated µm, measured µm), in order of time and estimated as the tracker is now.
-
-        `alike` neighbouring readings share one error and count as one.
-        """
-        sd_um = self.sd_um * alike**0.5
+        """Correct by (s, estimated µm, measured µm), in order of time; `alike` neighbours share one error."""
         for time_s, estimated_um, measured_um in readings:
-            self.correction.observe(time_s, self._raw_um(estimated_um), measured_um, sd_um)
+            self.correction.observe(time_s, self._raw_um(estimated_um), measured_um, self.sd_um * alike**0.5)
         self.estimator.correct(self.correction.gain, self.correction.offset_um)
 
     def _raw_um(self, estimated_um: float) -> float:
@@ -182,21 +171,12 @@ class FeedError:
 
     def __init__(self) -> None:
         self._fresh: list[tuple[TelemetryBlock, Array]] = []
-        self._max_um = math.nan
-        self._squares = 0.0
-        self._count = 0
+        self._max_um, self._squares, self._count = math.nan, 0.0, 0
 
-    @property
-    def max_um(self) -> float:
-        """Largest error, µm; NaN before any."""
+    def figures_um(self) -> tuple[float, float]:
+        """Return the largest error and the root mean square, µm; NaN before any."""
         self._reduce()
-        return self._max_um
-
-    @property
-    def rms_um(self) -> float:
-        """Root mean square, µm; NaN before any."""
-        self._reduce()
-        return math.sqrt(self._squares / self._count) if self._count else math.nan
+        return self._max_um, math.sqrt(self._squares / self._count) if self._count else math.nan
 
     def update(self, block: TelemetryBlock, model_um: Array) -> None:
         """Take consecutive samples with what was estimated for them, shape (n,)."""
@@ -207,15 +187,14 @@ class FeedError:
     def _reduce(self) -> None:
         if not self._fresh:
             return
-        blocks = [block for block, _ in self._fresh]
-        machining = np.concatenate([block.state for block in blocks]) == MachineState.MACHINING
-        sensor_um = np.concatenate([block.displacement_um for block in blocks])
-        error_um = np.concatenate([model_um for _, model_um in self._fresh]) - sensor_um
-        span_s = float(blocks[-1].time_s[-1] - blocks[0].time_s[0])
+        block = joined([block for block, _ in self._fresh])
+        error_um = np.concatenate([model_um for _, model_um in self._fresh]) - block.displacement_um
         self._fresh.clear()
+        span_s = float(block.time_s[-1] - block.time_s[0])
         size = max(1, round(SMOOTHED_S * (len(error_um) - 1) / span_s)) if span_s > 0.0 else 1
         rows = len(error_um) // size
-        whole = machining[: rows * size].reshape(rows, size).all(axis=1)
+        machining = (block.state == MachineState.MACHINING)[: rows * size]
+        whole = machining.reshape(rows, size).all(axis=1)
         means_um = error_um[: rows * size].reshape(rows, size)[whole].mean(axis=1)
         if len(means_um):
             self._max_um = float(np.fmax(self._max_um, np.abs(means_um).max()))
@@ -223,100 +202,69 @@ class FeedError:
             self._count += len(means_um)
 
 
-MARGIN_SHARE = 0.03
-"""Error of a height by the inverse, as a share of the way there: 2.5 % of gain between days, and the model's own."""
+MARGIN_SHARE = 0.03  # error of the inverse, relative: 2.5 % of gain between days, and the model's own
 MARGIN_UM = 2.0  # the same, at least
 SHORT, AT, BEYOND = -1.0, 0.0, 1.0
-
-
-class DisplacementEstimates:
-    """Replaces the displacement of every sample and event by the estimate, and passes all to a `MachineListener`.
-
-    `displacement_um` is the newest estimate, `cutting_um` its mean over the newest samples of a cut.
-    """
-
-    def __init__(self, calibration: CalibratedActuator) -> None:
-        estimator = at_rest(calibration.model, 0.0)
-        # Displacements count from the actuator at rest, as with a sensor; `at_rest` is there already.
-        estimator.correct(1.0, -estimator.tick(estimator.state.u_v, 0.0))
-        self.tracker = Tracker(estimator, SlowCorrection(), calibration.held_out_rms_um)
-        self.listener: MachineListener | None = None
-        self._trace = Trace()
-        self._started = False
-        self.displacement_um = 0.0
-        self.cutting_um = 0.0
-
-    def __getattr__(self, name: str) -> Any:
-        """Return a method of the listener: pulses and log lines are passed on unchanged."""
-        return getattr(self.listener, name)
-
-    def at(self, time_s: float) -> float:
-        """Return the estimate at a touch of this run, or at a moment of the last seconds, µm."""
-        return self._trace.at(time_s)
-
-    def translated(self, event: MachineEvent) -> MachineEvent:
-        """Return the event with the estimate at its time."""
-        return replace(event, displacement_um=self.at(event.time_s))
-
-    def telemetry(self, block: TelemetryBlock) -> None:
-        """Estimate, and pass on."""
-        estimator = self.tracker.estimator
-        if not self._started:
-            estimator.state.t_s = float(block.time_s[0])
-            self._started = True
-        estimate_um = estimator.advance(block.time_s, block.actuator_v)
-        self._trace.append(block.time_s, estimate_um)
-        self.displacement_um = float(estimate_um[-1])
-        cutting_um = estimate_um[block.state == MachineState.MACHINING]
-        if len(cutting_um):
-            self.cutting_um = float(cutting_um.mean())
-        if self.listener is not None:
-            self.listener.telemetry(replace(block, displacement_um=estimate_um))
-
-    def event(self, event: MachineEvent) -> None:
-        """Pass on with the estimate; that of a touch is kept, because its reading is requested much later."""
-        if event.code is EventCode.TOUCH:
-            self._trace.keep(event.time_s)
-        if self.listener is not None:
-            self.listener.event(self.translated(event))
 
 
 class SensorlessMachine:
     """A `Machine` with the displacements of its calibrated actuator; what is not defined here is of the real one.
 
-    Parameters
-    ----------
-    machine : the real one, configured with `sensor_fitted` 0
-    calibration : of its actuator, which must be at rest after full swings when telemetry starts
-    gain_um_per_v : mean gain that the controller is configured with
+    It is the listener of the real one, which is configured with `sensor_fitted` 0 and a mean `gain_um_per_v`; the
+    actuator must be at rest after full swings when telemetry starts.
     """
 
     slice_s = SLICE_S
     """The limit of a cut is checked in every slice, so they are short."""
 
     def __init__(self, machine: Machine, calibration: CalibratedActuator, gain_um_per_v: float) -> None:
-        self._machine = machine
-        self._gain_um_per_v = gain_um_per_v
-        self._estimates = DisplacementEstimates(calibration)
+        self._machine, self._gain_um_per_v = machine, gain_um_per_v
+        estimator = at_rest(calibration.model, 0.0)
+        # Displacements count from the actuator at rest, as with a sensor; `at_rest` is there already.
+        estimator.correct(1.0, -estimator.tick(estimator.state.u_v, 0.0))
+        self.tracker = Tracker(estimator, SlowCorrection(), calibration.held_out_rms_um)
+        self._listener: MachineListener | None = None
+        self._trace, self._started = Trace(), False
+        self._newest_um = self._cutting_um = 0.0
         self._z_limit_um = 0.0
 
     def __getattr__(self, name: str) -> Any:
-        """Return an attribute of the real machine."""
         return getattr(self._machine, name)
-
-    @property
-    def tracker(self) -> Tracker:
-        """The estimator behind every displacement."""
-        return self._estimates.tracker
 
     def start_telemetry(self, settings: TelemetrySettings, listener: MachineListener) -> None:
         """Begin to send samples, with estimates, to `listener`."""
-        self._estimates.listener = listener
-        self._machine.start_telemetry(settings, cast("MachineListener", self._estimates))
+        self._listener = listener
+        self.pulse_blocks, self.pulses, self.log = listener.pulse_blocks, listener.pulses, listener.log
+        self._machine.start_telemetry(settings, cast("MachineListener", self))
+
+    def telemetry(self, block: TelemetryBlock) -> None:
+        """Estimate the displacements of a block, and pass it on."""
+        estimator = self.tracker.estimator
+        if not self._started:
+            estimator.state.t_s = float(block.time_s[0])
+            self._started = True
+        estimate_um = estimator.advance(block.time_s, block.actuator_v)
+        self._trace.append(block.time_s, estimate_um)
+        self._newest_um = float(estimate_um[-1])
+        cutting_um = estimate_um[block.state == MachineState.MACHINING]
+        if len(cutting_um):
+            self._cutting_um = float(cutting_um.mean())
+        if self._listener is not None:
+            self._listener.telemetry(replace(block, displacement_um=estimate_um))
+
+    def event(self, event: MachineEvent) -> None:
+        """Pass on with the estimate; that of a touch is kept, because its reading is requested much later."""
+        if event.code is EventCode.TOUCH:
+            self._trace.keep(event.time_s)
+        if self._listener is not None:
+            self._listener.event(self._translated(event))
+
+    def _translated(self, event: MachineEvent) -> MachineEvent:
+        return replace(event, displacement_um=self._trace.at(event.time_s))
 
     def status(self) -> MachineStatus:
         """Request the state of the controller; the displacement is the newest estimate."""
-        return replace(self._machine.status(), displacement_um=self._estimates.displacement_um)
+        return replace(self._machine.status(), displacement_um=self._newest_um)
 
     def set_zero(self, zero_um: float) -> None:
         """Leave the controller's zero alone: its displacements are volts, which are 0 at rest and do not drift."""
@@ -324,10 +272,9 @@ class SensorlessMachine:
     def approach(self, speed_um_s: float, max_travel_um: float, gap_reference_v: float) -> MachineEvent:
         """Advance with pulses until the mean gap voltage falls to the reference."""
         here_v = self.tracker.estimator.state.u_v
-        target_um = self._estimates.displacement_um + max_travel_um
+        target_um = self._newest_um + max_travel_um
         travel_um = self._sent_um(target_um, BEYOND, speed_um_s) - self._gain_um_per_v * here_v
-        event = self._machine.approach(speed_um_s, travel_um, gap_reference_v)
-        return self._estimates.translated(event)
+        return self._translated(self._machine.approach(speed_um_s, travel_um, gap_reference_v))
 
     def touch(self, request: TouchRequest) -> tuple[Touch, ...]:
         """Find the surface by contact; each touch is the estimate at first contact."""
@@ -336,15 +283,12 @@ class SensorlessMachine:
             fast_to_um=self._sent_um(request.fast_to_um, SHORT, request.fast_um_s),
             z_max_um=self._sent_um(request.z_max_um, BEYOND, request.fast_um_s),
         )
-        return tuple(
-            replace(touch, displacement_um=self._estimates.at(touch.time_s))
-            for touch in self._machine.touch(sent)
-        )
+        touches = self._machine.touch(sent)
+        return tuple(replace(touch, displacement_um=self._trace.at(touch.time_s)) for touch in touches)
 
     def start_cut(self, request: CutRequest) -> None:
         """Start the gap servo; `watch_cut` checks the limit."""
-        self._z_limit_um = request.z_limit_um
-        self._estimates.cutting_um = self._estimates.displacement_um
+        self._z_limit_um, self._cutting_um = request.z_limit_um, self._newest_um
         sent_um = self._sent_um(request.z_limit_um, BEYOND, math.inf)
         self._machine.start_cut(replace(request, z_limit_um=sent_um))
 
@@ -361,17 +305,17 @@ class SensorlessMachine:
         """Let at most `duration_s` of a cut pass, and end it when the estimate has reached its limit."""
         event = self._machine.watch_cut(duration_s)
         if event is not None:
-            return self._estimates.translated(event)
-        if self._estimates.cutting_um < self._z_limit_um:
+            return self._translated(event)
+        if self._cutting_um < self._z_limit_um:
             return None
         return replace(self.stop_cut(), code=EventCode.CUT_DONE)
 
     def stop_cut(self) -> MachineEvent:
         """End a cut: pulses off, tool held."""
-        return self._estimates.translated(self._machine.stop_cut())
+        return self._translated(self._machine.stop_cut())
 
     def _sent_um(self, target_um: float, side: float, speed_um_s: float = math.inf) -> float:
         """Return the displacement to send so that a feed from here ends at `target_um`, short of it or beyond it."""
-        way_um = target_um - self._estimates.displacement_um
+        way_um = target_um - self._newest_um
         way_um += side * (MARGIN_UM + MARGIN_SHARE * abs(way_um))
         return self._gain_um_per_v * travel_by(self.tracker.estimator, way_um, speed_um_s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from operator import add, sub
 from typing import TYPE_CHECKING, Any, Protocol
 
 from edmctl.dataclasses import dataclass, field, fields
@@ -23,10 +24,8 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
 
 
-REPORT_DELAY_S = 600.0
-"""Added to the age of a home in ledger and journal, which record it a while after it was seen."""
-SPOT_MARGIN_UM = 30.0
-"""Between the tool's edges at two spots: wider than debris that passes a gap of some µm."""
+REPORT_DELAY_S = 600.0  # added to the age of a recorded home, which is recorded a while after it was seen
+SPOT_MARGIN_UM = 30.0  # between the tool's edges at two spots: wider than debris that passes a gap of some µm
 THROUGH_TOLERANCE_UM = 5.0  # of the sheet's thickness: a breakthrough may be this much earlier or later
 
 
@@ -40,13 +39,13 @@ class CalibratedActuator:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A recipe, the setup of the machine, the holes to make, and the actuator's calibration if there is one.
+    """A recipe, the setup of the machine, the holes to make, and what is known before.
 
     `resumed` is the state of an earlier run of this job, `pause_s` ago, infinity if unknown; `restart_hole` if its
-    hole is to be made again from an untouched surface. `tool_wear_before_um` is the wear in earlier jobs.
-    `home_um` is the sensor reading of a tool at home `home_age_s` ago; NaN is since the controller started.
-    `drift_seen_um_s` is the drift by which homes of earlier jobs contradict the setup, else 0; `drift` is the common
-    drift of rests and touches if measured, `creep_left` the residual creep, None if the actuator was not used.
+    hole is to be made again from an untouched surface. `home_um` is the sensor reading of a tool at home
+    `home_age_s` ago; NaN is since the controller started. `drift_seen_um_s` is the drift by which homes of earlier
+    jobs contradict the setup, else 0; `drift` is the measured drift, `creep_left` the residual creep, None if the
+    actuator was not used.
     """
 
     profile: Profile
@@ -102,9 +101,7 @@ def job_of(
     *,
     start_x_um: float | None = None,
 ) -> Job:
-    """Return the job of a recipe: at its places, or one hole at `start_x_um` or `measure.site_dx_um` from the
-    pad.
-    """
+    """Return the job of a recipe: at its places, or at `start_x_um` or `measure.site_dx_um` from the pad."""
     if not places:
         stage = setup.stage
         x_um = stage.reference_x_um + profile.measure.site_dx_um if start_x_um is None else start_x_um
@@ -114,10 +111,9 @@ def job_of(
 
 @dataclass(frozen=True, slots=True)
 class HoleTarget:
-    """The target of a hole. `depth_um` is NaN for a feed, `feed_um` for a depth.
+    """The target of a hole, in one of its regimes if it has several. Depth or feed is NaN.
 
     For a way through, `depth_um` is the sheet's thickness and `completion_um` the feed after the breakthrough.
-    `regime` is the regime in use if the hole has several.
     """
 
     kind: str
@@ -165,8 +161,7 @@ def verdict_of(target: HoleTarget, depth_um: float, depth_u95_um: float, *, thro
     return Verdict.SHOWN if depth_u95_um <= target.tolerance_um else Verdict.NOT_SHOWN
 
 
-PERIOD_S = 5.0
-"""Period of the states of a cut: 1.5 µm of feed at 0.3 µm/s, far less than the search of the bottom covers."""
+PERIOD_S = 5.0  # period of the states of a cut: 1.5 µm at 0.3 µm/s, far less than the search for the bottom
 
 Counts = tuple[int, int, int, int]
 SurfaceTouch = tuple[float, float, float, float]
@@ -177,16 +172,15 @@ class JobState:
     """How far a job has come, in values that JSON can represent.
 
     `done` are the results of the finished sites, each a mapping of `SiteResult`'s fields. `site` is the hole under
-    way, empty between two, and `begun` whether it was cut. The following fields are about it: `z1_*` is the reading
-    of the pad before its first cut (`z1_u_um` its standard uncertainty if it was not touched right before the hole,
-    `z1_doubt_u_um` that of doubted touches), then the last displacement, depth and wear with the standard
-    uncertainties of depth, wear and feed; `counts` are pulses by class (open, normal, arc, short). `broken_cuts` of
-    the `cuts` came to no end.
+    way, empty between two, `begun` whether it was cut. `z1_*` is the reading of the pad before its first cut
+    (`z1_u_um` its standard uncertainty if not touched right before the hole, `z1_doubt_u_um` that of doubted
+    touches); depth, wear and feed are the last estimates, `counts` pulses by class (open, normal, arc, short).
+    `broken_cuts` of the `cuts` came to no end.
 
-    `home_um` is the sensor reading with the tool at home, `home_age_s` before `time_s`, NaN if unknown. `time_s`
-    counts from the start of the first run without pauses; those were `pause_s`, NaN if unknown. `face` are the
-    touches of the untouched surface: x, y, height over the pad and its standard uncertainty, µm; `face_doubt_u_um`
-    is added to it. `channel` has the state of a channel; it is empty before that was begun and for holes.
+    `home_um` is the sensor reading with the tool at home, `home_age_s` before `time_s`, which counts from the start
+    of the first run without the pauses; NaN is unknown. `face` are the touches of the untouched surface: x, y,
+    height over the pad and its standard uncertainty, µm, to which `face_doubt_u_um` is added. `channel` is empty for
+    holes.
     """
 
     phase: str
@@ -256,18 +250,13 @@ class NoStateStore:
         """Do nothing."""
 
 
-class Discharges(Protocol):
-    """Pulses by class (open, normal, arc, short) and the energy of their discharges."""
+class CutSums(Protocol):
+    """Pulses by class (open, normal, arc, short), energy of their discharges, and time of one cut or pass."""
 
     @property
-    def counts(self) -> Sequence[int]: ...
+    def counts(self) -> Counts: ...
     @property
     def energy_j(self) -> float: ...
-
-
-class CutSums(Discharges, Protocol):
-    """Sums of one cut or pass."""
-
     @property
     def time_s(self) -> float: ...
 
@@ -282,33 +271,21 @@ class CutTotals:
     time_s: float = 0.0
 
     def since(self, before: CutTotals) -> CutTotals:
-        """Return the difference to earlier sums."""
-        opens, normals, arcs, shorts = (a - b for a, b in zip(self.counts, before.counts, strict=True))
-        return CutTotals(
-            self.number - before.number,
-            (opens, normals, arcs, shorts),
-            self.energy_j - before.energy_j,
-            self.time_s - before.time_s,
-        )
-
-    def columns(self) -> dict[str, Any]:
-        """Return time, pulses and energy by the names of a result's fields."""
-        return {
-            "machining_time_s": self.time_s,
-            "pulses": sum(self.counts),
-            "ratios": pulse_shares(*self.counts),
-            "energy_j": self.energy_j,
-        }
+        opens, normals, arcs, shorts = map(sub, self.counts, before.counts)
+        energy_j, time_s = self.energy_j - before.energy_j, self.time_s - before.time_s
+        return CutTotals(self.number - before.number, (opens, normals, arcs, shorts), energy_j, time_s)
 
     def plus(self, cut: CutSums) -> CutTotals:
         """Return them with one more."""
-        opens, normals, arcs, shorts = (a + b for a, b in zip(self.counts, cut.counts, strict=True))
-        return CutTotals(
-            self.number + 1,
-            (opens, normals, arcs, shorts),
-            self.energy_j + cut.energy_j,
-            self.time_s + cut.time_s,
-        )
+        opens, normals, arcs, shorts = map(add, self.counts, cut.counts)
+        energy_j, time_s = self.energy_j + cut.energy_j, self.time_s + cut.time_s
+        return CutTotals(self.number + 1, (opens, normals, arcs, shorts), energy_j, time_s)
+
+    def columns(self) -> dict[str, Any]:
+        """Return time, pulses and energy by the names of a result's fields."""
+        pulses, shares = sum(self.counts), pulse_shares(*self.counts)
+        time_s, energy_j = self.time_s, self.energy_j
+        return {"machining_time_s": time_s, "pulses": pulses, "ratios": shares, "energy_j": energy_j}
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,10 +314,10 @@ class JobTally:
 
     `depth_um` is the depth of the hole under way: estimated while cutting, then measured. `open_site` names that
     hole until it is finished, `here` the hole where the tool is, `unmeasured_site` the hole from the begin of a cut
-    until it is measured. `unwritten` are finished holes whose results later touches may still correct, `ordered` all
-    holes that no earlier run has begun, in working order. `home_um` is the sensor reading with the tool at home, at
-    the last rest at 0 V, which was at `home_s`. `time_s` and `machining_time_s` include earlier runs. `creep_left`
-    is the residual creep after a run that came to its end, `scatter` that of the touches of this run.
+    until it is measured. `unwritten` are finished holes that later touches may still correct, `ordered` all holes
+    that no earlier run has begun, in working order. `home_um` is the sensor reading with the tool at home, at the
+    last rest, `home_s`. `time_s` and `machining_time_s` include earlier runs. `creep_left` is the residual creep
+    after a complete run.
     """
 
     sites: dict[str, SiteResult] = field(default_factory=dict)
@@ -374,7 +351,6 @@ class JobTally:
 
     @property
     def not_begun(self) -> tuple[str, ...]:
-        """Names of the holes that were not cut."""
         return tuple(name for name in self.ordered if name not in (*self.sites, self.unmeasured_site))
 
     @property

@@ -24,17 +24,13 @@ from edmctl.results.progress import Phase
 from edmctl.results.telemetry import joined
 from edmctl.wording import signed
 
-SETTLE_AT_DEPTH_S = 20.0
-"""Rest after the way down, several times the 5 to 6 s of creep after a large step (Muralidhara et al. 2009, Fig.
-4)."""
-BASE_S = 0.3
-"""Averaging time of the sensor before a jump, and at the end of the time after it: 0.15 µm rms become 0.01 µm."""
+SETTLE_AT_DEPTH_S = 20.0  # several times the creep after a large step (Muralidhara et al. 2009, Fig. 4)
+BASE_S = 0.3  # averaging time before a jump and at the end of the time after it: 0.15 µm rms become 0.01 µm
 LEAST_REST_S = 1.0  # least time from the end of a jump to the next one
 LOOKED_AT_S = 8.0  # longest time after a jump: later motion is creep
 TOP_S = 0.005  # averaging time about the top: shorter than the dwell, longer than ringing and noise
 SMOOTHED_S = 0.02
-SETTLED_UM = 1.0
-"""A tool that stays within this of its final place has settled: the tolerance of a good touch."""
+SETTLED_UM = 1.0  # a tool within this of its final place has settled: the tolerance of a good touch
 
 
 def least_period_s(height_um: float, speed_um_s: float, dwell_s: float) -> float:
@@ -82,10 +78,11 @@ def _jump(run: JobRun, number: int) -> JumpMeasured:
     run.watch.settle()
     found = _measured(run, number, joined(blocks))
     run.machine.rest(max(0.0, begin_s + jump.period_s - run.machine.time_s))
+    back_um, model_um = signed(found.residual_um), signed(found.residual_model_um)
     run.decide(
         RunEvent.JUMP_MEASURED,
-        f"Jump {number}: {found.height_um:.1f} µm high, back within {signed(found.residual_um)} µm "
-        f"(model {signed(found.residual_model_um)} µm), at rest after {1e3 * found.settling_s:.0f} ms.",
+        f"Jump {number}: {found.height_um:.1f} µm high, back within {back_um} µm (model {model_um} µm), at rest "
+        f"after {1e3 * found.settling_s:.0f} ms.",
         {"height_um": found.height_um, "residual_um": found.residual_um, "settling_s": found.settling_s},
     )
     return found
@@ -98,15 +95,13 @@ def _measured(run: JobRun, number: int, block: TelemetryBlock) -> JumpMeasured:
         raise failures.no_telemetry_of_jump(number=number)
     first, last = int(jumping[0]), int(jumping[-1])
     top = first + int(np.argmin(sensor_um[first : last + 1]))
-    about_top = np.abs(time_s - time_s[top]) <= TOP_S / 2.0
-    before, after = time_s < time_s[first], time_s > time_s[-1] - BASE_S
 
     def both_um(where: NDArray[np.bool_]) -> tuple[float, float]:
-        middle_s = float(time_s[where].mean())
-        return float(sensor_um[where].mean()), run.watch.model_at(middle_s)
+        return float(sensor_um[where].mean()), run.watch.model_at(float(time_s[where].mean()))
 
-    (before_um, model_before_um), (after_um, model_after_um) = both_um(before), both_um(after)
-    top_um, model_top_um = both_um(about_top)
+    before_um, model_before_um = both_um(time_s < time_s[first])
+    after_um, model_after_um = both_um(time_s > time_s[-1] - BASE_S)
+    top_um, model_top_um = both_um(np.abs(time_s - time_s[top]) <= TOP_S / 2.0)
     return JumpMeasured(
         number=number,
         time_s=float(time_s[first]),

@@ -9,6 +9,7 @@ from edmctl.machine.interface import Machine
 from edmctl.planning.forecast import hole_time_s, working_order
 from edmctl.planning.measuring import FACE_LIMIT_UM
 from edmctl.planning.removal import hole
+from edmctl.procedures.channel.procedure import machine_path, record_left_channel
 from edmctl.procedures.hole.decision import (
     Decision,
     judge_holes,
@@ -19,6 +20,7 @@ from edmctl.procedures.hole.decision import (
 )
 from edmctl.procedures.hole.knowledge import JobKnowledge
 from edmctl.procedures.hole.procedure import HoleProcedure
+from edmctl.procedures.hole.resuming import ResumedHole, check_last_hole
 from edmctl.procedures.job import Job, JobTally, StateStore, target_of
 from edmctl.procedures.monitoring.monitors import judge_job
 from edmctl.procedures.run import MOVING, JobRun
@@ -49,15 +51,10 @@ def run_job(
 ) -> JobResult:
     """Run a whole job on an idle machine.
 
-    The recorder takes every sample, decision and result; the observer gets progress and decisions; the tally has
-    what was reached, also after an error; the store keeps the state that a resumed job needs.
-
-    Raises
-    ------
-    ObjectiveMissed
-        The job ended in order but short of its target; carries the result.
-    MachineFault, LinkLost, PreconditionError, RunFileError, Interrupted
-        The safe state was reached first, or by the controller alone if the link is lost.
+    The recorder takes every sample, decision and result; the tally has what was reached, also after an error; the
+    store keeps the state that a resumed job needs. Raises ObjectiveMissed, with the result, if the job ended in
+    order but short of its target; MachineFault, LinkLost, PreconditionError, RunFileError and Interrupted after the
+    safe state was reached, by the controller alone if the link is lost.
     """
     tally = tally or JobTally()
     if job.profile.path is None:
@@ -73,34 +70,21 @@ def run_job(
         pulses=True,
         store=store,
         self_test=True,
-        record_left=_record_left,
+        record_left=record_left if job.profile.path is None else record_left_channel,
     ) as run:
         if job.profile.path is None:
             last = machine_sites(run)
             record_results(run)
             last = judge_holes(run, last)
         else:
-            from edmctl.procedures.channel.procedure import machine_path  # most jobs make holes
-
             last = machine_path(run)
     if last is not None:
         raise ObjectiveMissed(last.missed, hint=last.hint, result=tally.result(), code=last.code)
     return tally.result()
 
 
-def _record_left(run: JobRun) -> None:
-    record_left(run)
-    if run.profile.path is not None:
-        from edmctl.procedures.channel.procedure import record_left_channel
-
-        record_left_channel(run)
-
-
 def machine_sites(run: JobRun) -> Decision | None:
-    """Machine every place that is not done yet; return the first decision that misses its target, else None.
-
-    A tool that would lose more than it may ends the job before the next place.
-    """
+    """Machine every place that is not done yet; return the first decision that misses its target, else None."""
     knowledge = JobKnowledge(run)
     last = _machine_left(run, knowledge)
     judge_job(run, knowledge.pads)
@@ -111,8 +95,6 @@ def _machine_left(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
     limits, resumed, done = TimeLimits(run), run.job.resumed, set(run.tally.sites)
     left = [site for site in working_order(run.profile, run.setup, run.job.sites) if site.name not in done]
     if resumed is not None and not resumed.begun and left:
-        from edmctl.procedures.hole.resuming import check_last_hole  # only resumed jobs need it
-
         check_last_hole(run, knowledge)
     for number, site in enumerate(left):
         used_up = _used_up(run, knowledge, left[number:])
@@ -121,8 +103,6 @@ def _machine_left(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
         open_site(run, site)
         decision = None
         if resumed is not None and resumed.begun and resumed.site == site.name:
-            from edmctl.procedures.hole.resuming import ResumedHole  # as above
-
             decision = ResumedHole(run, site, knowledge, limits).resume()
         if decision is None:
             _touch_surface(run, site, knowledge, left[number:])
@@ -140,8 +120,8 @@ def _touch_surface(run: JobRun, site: Place, knowledge: JobKnowledge, left: Sequ
         knowledge.touch_pad_first(site.name)
     assert knowledge.tool is not None
     surface = knowledge.surface
-    wanted = run.profile.array.surface == "plane" and len(left) >= TOUCHES_FOR_A_PLANE
-    if wanted and not surface.touched:
+    is_plane = run.profile.array.surface == "plane" and len(left) >= TOUCHES_FOR_A_PLANE
+    if is_plane and not surface.touched:
         surface.touch_plane(left, knowledge.tool)
     elif run.profile.target.kind != "through" and surface.height_u_um(site) > FACE_LIMIT_UM:
         surface.touch(site, knowledge.tool)
@@ -165,42 +145,34 @@ def _of_several(run: JobRun, decision: Decision, site: Place) -> Decision:
 
 
 def _used_up(run: JobRun, knowledge: JobKnowledge, left: Sequence[Place]) -> Decision | None:
-    """Return the end before a place for which wear limit or stroke do not suffice; None if they do."""
-    target, ratio = target_of(run.profile, left[0]), knowledge.estimate.wear_ratio
+    """Return the end before a place for which wear limit or stroke do not suffice; None if they do.
+
+    The stroke is compared with the one to the end of the hole within its tolerance. It is unknown before the first
+    touch of the tool, without a model of the actuator, and in several regimes.
+    """
+    profile, target, name = run.profile, target_of(run.profile, left[0]), left[0].name
+    estimator, ratio = run.watch.estimator(), knowledge.estimate.wear_ratio
     feed_um = target.feed_um if target.kind == "feed" else target.depth_um * (1.0 + ratio)
     lost_um, next_um = run.job.tool_wear_before_um + run.tally.wear_um, feed_um * ratio / (1.0 + ratio)
-    limit_um, stroke = run.profile.tool.max_wear_um, _stroke_um(run, knowledge, left[0], feed_um)
-    if lost_um + next_um > limit_um:
+    needed_um = stroke_um = 0.0
+    if knowledge.tool is not None and estimator is not None and not profile.regimes:
+        spare_um = 0.0 if target.kind == "feed" else target.tolerance_um
+        surface_um = knowledge.tool.pad_um + knowledge.surface.height_um(left[0])
+        needed_um = surface_um + feed_um - spare_um + target.completion_um - knowledge.gap.value
+        needed_um += STROKE_RESERVE_UM
+        time_s = hole_time_s(profile, hole(profile, target.depth_um))
+        stroke_um = run.watch.displacement_um + rise_um(estimator, profile.limits.stroke_v_max, time_s)
+    if lost_um + next_um > profile.tool.max_wear_um:
         code, hint = "E7010", "Dress or change the tool, and machine the places that are left."
         why = (
-            f"The tool has lost {lost_um:.0f} µm and {left[0].name} would take {next_um:.0f} µm more; "
-            f"tool.max_wear_um is {limit_um:.0f} µm."
+            f"The tool has lost {lost_um:.0f} µm and {name} would take {next_um:.0f} µm more; "
+            f"tool.max_wear_um is {profile.tool.max_wear_um:.0f} µm."
         )
-    elif stroke is not None and stroke[0] > stroke[1]:
+    elif needed_um > stroke_um:
         code, hint = STROKE_CODE, STROKE_HINT
-        why = f"{left[0].name} needs {stroke[0]:.1f} µm of stroke with the worn tool; there are {stroke[1]:.1f} µm."
+        why = f"{name} needs {needed_um:.1f} µm of stroke with the worn tool; there are {stroke_um:.1f} µm."
     else:
         return None
     message = f"{why} Done: {len(run.tally.sites)}; left: {', '.join(run.tally.not_begun)}."
     run.warn(RunEvent.SITES_LEFT, message, {"left": len(left), "hint": hint})
     return missed(message, hint, code)
-
-
-def _stroke_um(
-    run: JobRun, knowledge: JobKnowledge, site: Place, feed_um: float
-) -> tuple[float, float] | None:
-    """Return the stroke that a hole needs to end within its tolerance, and the available one, µm.
-
-    None before the first touch of the tool, without a model of the actuator, and in several regimes.
-    """
-    estimator, profile = run.watch.estimator(), run.profile
-    if knowledge.tool is None or estimator is None or profile.regimes:
-        return None
-    target = target_of(profile, site)
-    spare_um = 0.0 if target.kind == "feed" else target.tolerance_um
-    surface_um = knowledge.tool.pad_um + knowledge.surface.height_um(site)
-    needed_um = (
-        surface_um + feed_um - spare_um + target.completion_um - knowledge.gap.value + STROKE_RESERVE_UM
-    )
-    time_s = hole_time_s(profile, hole(profile, target.depth_um))
-    return needed_um, run.watch.displacement_um + rise_um(estimator, profile.limits.stroke_v_max, time_s)

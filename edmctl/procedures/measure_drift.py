@@ -10,14 +10,13 @@ import math
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass, field
-from edmctl.errors import ObjectiveNotReached
 from edmctl.planning.measuring import again_s, move_time_s, park_to_pad_um, touch_time_s
 from edmctl.procedures.monitoring.monitors import judge
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to, retract
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
-from edmctl.procedures.touch.spots import OFFSET_U_UM, read_pad
+from edmctl.procedures.touch.surfaces import OFFSET_U_UM, read_pad
 from edmctl.process.rest_drift import LEAST_TOUCHES, DriftFit, Rest, fit_drift, model_of, refuse_creep
 from edmctl.process.touches import Touch
 from edmctl.profile.model import Profile
@@ -29,13 +28,11 @@ from edmctl.results.progress import Phase
 from edmctl.wording import decimal
 
 AGAIN_U_UM = 0.5  # standard uncertainty of every further touch of the pad: drift of a minute, and creep
-BEFORE_HOLD_SHARE = 0.3
-"""Share of the time without the hold that passes before it. The rest shows its creep fade."""
+BEFORE_HOLD_SHARE = 0.3  # of the time without the hold; the rest shows the creep of the hold fade
 RESTED_S = 1.0  # time from a retraction to the rest; in a job the stages move for as long
 STROKE_SHARE = 0.95  # largest share of the permitted stroke for the hold
 TOUCH_S = 12.0  # time of a touch of a known pad from 0 V and back, besides its contacts
-MOST_MISFIT = 3.0
-"""Largest ratio of residuals to the expected ones; beyond it something else than creep and drift acts."""
+MOST_MISFIT = 3.0  # largest ratio of residuals to the expected ones; beyond it not only creep and drift act
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +109,12 @@ def measure_drift(run: JobRun, plan: DriftPlan, expected_um: float) -> DriftReco
         if not is_held and next_s - begin_s >= BEFORE_HOLD_SHARE * (plan.duration_s - plan.hold_s):
             is_held = True
             record.held_after = len(record.rests)
-            _hold(run, plan)
+            move_to(run, run.job.parking)
+            run.begin(Phase.MEASURING)
+            lower_to(run, run.tally.home_um + plan.hold_um)
+            run.machine.rest(plan.hold_s)
+            remedy = "Set stage.park_x_um and park_y_um to where the tool may use its whole stroke."
+            run.refuse_contact(" over the parking place", remedy)
             move_to(run, pad)
             run.machine.rest(RESTED_S)
             _note_rest(run, record)
@@ -137,23 +139,24 @@ def drift_result(run: JobRun, plan: DriftPlan, record: DriftRecord) -> tuple[Dri
         fit = fit_drift(record.rests, record.touches, walk, run.job.unknown_use_s)
         refuse_creep(fit.creep, fit.creep_covariance)
     except ValueError as error:
-        raise _unexplained(f"the touches tell nothing: {error}") from error
+        raise failures.drift_not_conclusive(what=f"the touches tell nothing: {error}") from error
     if fit.misfit > MOST_MISFIT:
-        raise _unexplained(
-            f"residuals of {decimal(fit.rest_rms_um)} µm at rest and {decimal(fit.touch_rms_um)} µm at the pad are "
-            f"{fit.misfit:.1f} times what drift, creep and noise explain"
+        raise failures.drift_not_conclusive(
+            what=f"residuals of {decimal(fit.rest_rms_um)} µm at rest and {decimal(fit.touch_rms_um)} µm at the pad "
+            f"are {fit.misfit:.1f} times what drift, creep and noise explain"
         )
-    used = model_of(fit)
+    used, share = model_of(fit), fit.share if fit.is_steady else None
     before, after = record.rests[record.held_after - 1], record.rests[record.held_after]
     lags_um = after.lags_um - before.lags_um
-    share = fit.share if fit.is_steady else None
+    rest, touch, apart = fit.rest_um_per_s, fit.touch_um_per_s, fit.apart_um_per_s
+    pads = [record.first] if record.first else []
     result = DriftResult(
-        rest_um_per_s=fit.rest_um_per_s.value,
-        rest_u_um_per_s=fit.rest_um_per_s.u,
-        touch_um_per_s=fit.touch_um_per_s.value,
-        touch_u_um_per_s=fit.touch_um_per_s.u,
-        apart_um_per_s=fit.apart_um_per_s.value,
-        apart_u_um_per_s=fit.apart_um_per_s.u,
+        rest_um_per_s=rest.value,
+        rest_u_um_per_s=rest.u,
+        touch_um_per_s=touch.value,
+        touch_u_um_per_s=touch.u,
+        apart_um_per_s=apart.value,
+        apart_u_um_per_s=apart.u,
         share=share.value if share else math.nan,
         share_u=share.u if share else math.nan,
         share_used=used.share,
@@ -169,37 +172,18 @@ def drift_result(run: JobRun, plan: DriftPlan, record: DriftRecord) -> tuple[Dri
         hold_um=plan.hold_um,
         hold_s=plan.hold_s,
         time_s=run.machine.time_s,
-        beliefs=judge(
-            run, [record.first] if record.first else [], fit.rest_um_per_s.value, fit.rest_um_per_s.u
-        ),
+        beliefs=judge(run, pads, rest.value, rest.u),
     )
     run.decide(
         RunEvent.DRIFT_MEASURED,
-        f"Rests drift by {decimal(1e3 * result.rest_um_per_s)} nm/s, touches by "
-        f"{decimal(1e3 * result.touch_um_per_s)} nm/s; "
-        f"creep after the hold {decimal(result.creep_um)} µm.",
-        {"rest_um_s": result.rest_um_per_s, "touch_um_s": result.touch_um_per_s, "share": result.share_used},
+        f"Rests drift by {decimal(1e3 * rest.value)} nm/s, touches by {decimal(1e3 * touch.value)} nm/s; creep "
+        f"after the hold {decimal(result.creep_um)} µm.",
+        {"rest_um_s": rest.value, "touch_um_s": touch.value, "share": used.share},
     )
     return fit, result
-
-
-def _hold(run: JobRun, plan: DriftPlan) -> None:
-    """Hold the tool at depth over free space. Raises PreconditionError E8021 if it touches there."""
-    move_to(run, run.job.parking)
-    run.begin(Phase.MEASURING)
-    lower_to(run, run.tally.home_um + plan.hold_um)
-    run.machine.rest(plan.hold_s)
-    run.refuse_contact(
-        " over the parking place",
-        "Set stage.park_x_um and park_y_um to where the tool may use its whole stroke.",
-    )
 
 
 def _note_rest(run: JobRun, record: DriftRecord) -> None:
     run.watch.rest()
     assert run.watch.last_rest is not None
     record.rests.append(run.watch.last_rest)
-
-
-def _unexplained(what: str) -> ObjectiveNotReached:
-    return failures.drift_not_conclusive(what=what)

@@ -17,10 +17,9 @@ from edmctl.procedures.hole.hole import model_u95_um
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.touch.approach import ExpectedBottom, read_expected
+from edmctl.procedures.touch.approach import read_expected
 from edmctl.procedures.touch.reading import SurfaceReading
-from edmctl.procedures.touch.spots import OFFSET_U_UM, pad_u_um, read_pad, refuse_grown_tool
-from edmctl.procedures.touch.surface_plane import SurfacePlane
+from edmctl.procedures.touch.surfaces import OFFSET_U_UM, SurfacePlane, pad_u_um, read_pad, refuse_grown_tool
 from edmctl.process.touches import (
     TOUCH_U_UM,
     DepthAndWear,
@@ -38,14 +37,9 @@ from edmctl.results.measurements import UncertaintyPart, WearResult
 from edmctl.wording import signed
 
 LEAST_TOUCHES = 3  # touches of every Z: the scatter of two shows next to nothing
-MOST_DRIFT_UM = 2.0
-"""Most drift between the pad before and after the bottom, minutes apart: with more the wear over the whole job is
-unknown. Our choice: the tolerance that shipped recipes allow for a depth."""
-HOME_CREEP_UM = 9.0
-"""Residual creep in a home, however long ago: 4 µm after a deep hole and 8 µm after a calibration were seen on the
-virtual machine. It hides as much of a drift the other way [assumed]."""
-BOTTOM_U_UM = 2.0
-"""Standard uncertainty of a bottom without a stated one: debris, and the roughness of its floor."""
+MOST_DRIFT_UM = 2.0  # of the pad in minutes: more leaves the wear unknown. Our choice: a tolerance of recipes
+HOME_CREEP_UM = 9.0  # residual creep in a home: 4 µm after a deep hole, 8 µm after a calibration [assumed]
+BOTTOM_U_UM = 2.0  # u of a bottom without a stated one: debris, and the roughness of its floor
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +90,8 @@ def measure_wear(run: JobRun, reference: Reference, expected_um: float, bottom: 
         face_um, face_u_um = surface.height_um(site), math.hypot(surface.height_u_um(site), face_u_um)
         move_to(run, site)
         depth_u_um = math.hypot(bottom.depth_u_um, face_u_um)
-        expected = ExpectedBottom(before.z_um + face_um, bottom.depth_um, depth_u_um, "the job that made it")
-        z2 = read_expected(run, bottom.name, expected)
+        z_um, source = before.z_um + face_um, "the job that made it"
+        z2 = read_expected(run, bottom.name, z_um, bottom.depth_um, depth_u_um, source)
     after = touch_pad(run, "Z3", before.z_um)
     face = Value(face_um, face_u_um)
     return _Measurement(run, reference, home, (before, after), z2, face).result()
@@ -113,8 +107,6 @@ def refuse_drift(run: JobRun, found: WearResult) -> None:
 
 
 class _Measurement:
-    """The readings of a measurement, and the result by them."""
-
     def __init__(
         self,
         run: JobRun,
@@ -153,39 +145,37 @@ class _Measurement:
             drift=Drift(0.0, drift.left_u_um),
         )
         model3_um = 0.5 * (before.model_um + after.model_um)
-        model2_um = z2.model_um if z2 else math.nan
-        creep_um = z2.creep_um - 0.5 * (before.creep_um + after.creep_um) if z2 else 0.0
-        depth_model_u95_um, wear_model_u95_um = model_u95_um(run, found, creep_um)
-        has_hole, depth_basis = z2 is not None, None
+        model2_um, creep_um, depth_basis = math.nan, 0.0, None
         if z2 is not None:
+            model2_um, creep_um = z2.model_um, z2.creep_um - 0.5 * (before.creep_um + after.creep_um)
             depth_basis = Basis.ESTIMATED if z2.doubt_u_um > 0.0 else run.job.touch_basis
+        depth_model_u95_um, wear_model_u95_um = model_u95_um(run, found, creep_um)
+
+        def of_hole(value: float) -> float:
+            return math.nan if z2 is None else value
+
         return WearResult(
             z1_um=reference.z_um,
-            z2_um=bottom.mean_um if has_hole else math.nan,
+            z2_um=of_hole(bottom.mean_um),
             z3_um=self._z3.mean_um,
             z3_before_um=before.z_um,
             z3_after_um=after.z_um,
             drift_um=after.z_um - before.z_um,
             drift_correction_um=drift.um,
             touches=min(reading.touches for reading in (z1, bottom, before.reading, after.reading)),
-            sd_um=(
-                z1.sd_um,
-                bottom.sd_um if has_hole else math.nan,
-                before.reading.sd_um,
-                after.reading.sd_um,
-            ),
+            sd_um=(z1.sd_um, of_hole(bottom.sd_um), before.reading.sd_um, after.reading.sd_um),
             wear_um=found.wear_um,
             wear_u95_um=found.wear.u95,
-            depth_um=found.depth_um if has_hole else math.nan,
-            depth_u95_um=found.depth.u95 if has_hole else math.nan,
-            feed_um=found.feed_um if has_hole else math.nan,
-            feed_u95_um=found.feed.u95 if has_hole else math.nan,
+            depth_um=of_hole(found.depth_um),
+            depth_u95_um=of_hole(found.depth.u95),
+            feed_um=of_hole(found.feed_um),
+            feed_u95_um=of_hole(found.feed.u95),
             wear_model_um=model3_um - reference.model_um - drift.um,
             wear_model_u95_um=wear_model_u95_um,
             depth_model_um=model2_um - model3_um - self._face.value,
-            depth_model_u95_um=depth_model_u95_um if has_hole else math.nan,
+            depth_model_u95_um=of_hole(depth_model_u95_um),
             feed_model_um=model2_um - reference.model_um - drift.um,
-            feed_model_u95_um=math.hypot(depth_model_u95_um, wear_model_u95_um) if has_hole else math.nan,
+            feed_model_u95_um=of_hole(math.hypot(depth_model_u95_um, wear_model_u95_um)),
             depth_basis=depth_basis,
             wear_basis=run.job.touch_basis,
             budget=self._budget(found),
@@ -218,8 +208,12 @@ class _Measurement:
         return tuple(replace(part, depth_um=math.nan, feed_um=math.nan) for part in budget)
 
     def _drift_since_reference(self) -> Drift:
-        """Return the drift by the rate that `measure-drift` has measured, otherwise its bound."""
-        reference, before, after = self._reference, self._before, self._after
+        """Return the drift by the rate that `measure-drift` has measured, otherwise its bound.
+
+        The difference of the homes of then and now bounds the drift between them, apart from creep in both. A rate
+        by the rests of some minutes, mostly creep, is not that of hours.
+        """
+        reference, before, after, age_s = self._reference, self._before, self._after, self._age_s
         sensor_u = self._run.uncertainty
         until_s = 0.5 * (before.time_s + after.time_s)
         drift = drift_since(reference, self._home_um, reference.age_s + until_s, sensor_u)
@@ -228,28 +222,16 @@ class _Measurement:
         rate_um_s = sensor_u.drift_u_um_per_s
         seen_um_s = (abs(after.z_um - before.z_um) + TOUCH_U_UM) / max(1.0, after.time_s - before.time_s)
         since_um = min(rate_um_s, seen_um_s) * (after.time_s - self._home_s)
-        return Drift(0.0, sensor_u.drifted_u_um(self._drifting_s(since_um, rate_um_s)))
-
-    def _drifting_s(self, since_um: float, drift_u_um_per_s: float) -> float:
-        """Return for how long the displacement may have drifted at its rate since the reference, s.
-
-        The difference of the homes of then and now bounds the drift between them, apart from creep in both. A rate
-        by the rests of some minutes, mostly creep, is not that of hours. `since_um` may have drifted since home was
-        seen.
-        """
-        moved_um, age_s = abs(self._home_um - self._reference.home_um), self._age_s
-        if not drift_u_um_per_s or not math.isfinite(moved_um + since_um):
-            return age_s
-        by_setup_um = displacement_uncertainty(self._run.job).drift_u_um_per_s * age_s
-        between_um = max(by_setup_um, share_u(moved_um + HOME_CREEP_UM))
-        return min(age_s, math.hypot(between_um, since_um) / drift_u_um_per_s)
+        moved_um, drifting_s = abs(self._home_um - reference.home_um), age_s
+        if rate_um_s and math.isfinite(moved_um + since_um):
+            by_setup_um = displacement_uncertainty(self._run.job).drift_u_um_per_s * age_s
+            between_um = max(by_setup_um, share_u(moved_um + HOME_CREEP_UM))
+            drifting_s = min(age_s, math.hypot(between_um, since_um) / rate_um_s)
+        return Drift(0.0, sensor_u.drifted_u_um(drifting_s))
 
 
 def drift_since(reference: Reference, home_um: float, age_s: float, sensor_u: Displacement) -> Drift | None:
-    """Return the drift of a touch since the reference, by the rate that `measure-drift` has measured.
-
-    None if no rate was measured, or if the home at `home_um` contradicts it: then the rate has changed.
-    """
+    """Return the drift since the reference by a measured rate; None without one, or if the home contradicts it."""
     rate = reference.drift_um_per_s
     if rate is None:
         return None

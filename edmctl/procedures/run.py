@@ -33,8 +33,7 @@ from edmctl.results.job import SiteResult
 from edmctl.results.progress import Observer, Phase, Progress
 from edmctl.results.telemetry import PulseShares, pulse_shares
 
-MACHINING, MEASURING, MOVING = "machining", "measuring", "moving"
-"""Phases of a job; while it is machining, the state is kept every few seconds too."""
+MACHINING, MEASURING, MOVING = "machining", "measuring", "moving"  # phases of a job
 SAMPLES_LATE_S = 1.0  # a cut without samples is ended after this time at the latest
 
 Args = Mapping[str, float | int | str | bool]
@@ -84,16 +83,14 @@ class JobStateKeeper:
         self._keep(phase)
 
     def on_telemetry(self, block: TelemetryBlock) -> None:
-        """Keep the state every few seconds of a cut."""
         self.time_s = float(block.time_s[-1])
         if self.phase == MACHINING and self.time_s - self._kept_s >= PERIOD_S:
             self._keep(MACHINING, urgent=False)
 
     def stop(self, time_s: float, *, linked: bool) -> None:
         """Keep the newest state of a job that ends early, at once if the line is alive."""
-        self.samples_late_s = (
-            min(max(0.0, time_s - self.time_s), SAMPLES_LATE_S) if linked else SAMPLES_LATE_S
-        )
+        late_s = min(max(0.0, time_s - self.time_s), SAMPLES_LATE_S)
+        self.samples_late_s = late_s if linked else SAMPLES_LATE_S
         if not self.phase and self.job.resumed is not None:
             # Nothing was touched yet: the state of the run before remains.
             state = after_pause(self.job)
@@ -109,15 +106,17 @@ class JobStateKeeper:
             self._under_way.leave()
 
     def _keep(self, phase: str, *, urgent: bool = True) -> None:
-        self._kept_s, self.phase = self.time_s, phase
-        tally = self.tally
+        self._kept_s, self.phase, tally = self.time_s, phase, self.tally
+        for name, result in tally.sites.items():  # each result is converted once, not at every step
+            if name not in self._mappings or self._mappings[name][0] is not result:
+                self._mappings[name] = result, asdict(result)
         state = JobState(
             phase=phase,
             time_s=tally.earlier_time_s + self.time_s,
             tool=self.job.profile.tool.label,
             face=self.surface,
             face_doubt_u_um=self.surface_doubt_u_um,
-            done=self._done(),
+            done=tuple(self._mappings[name][1] for name in tally.sites),
             job_machining_time_s=tally.machining_time_s,
             pause_s=tally.pause_s,
             home_um=tally.home_um,
@@ -126,13 +125,6 @@ class JobStateKeeper:
         if self._under_way is not None:
             state = self._under_way.add_to(state, self.time_s)
         self.store.keep(state, urgent=urgent)
-
-    def _done(self) -> tuple[Mapping[str, object], ...]:
-        """Return the results of all sites as mappings. Each result is converted once, not at every step."""
-        for name, result in self.tally.sites.items():
-            if name not in self._mappings or self._mappings[name][0] is not result:
-                self._mappings[name] = result, asdict(result)
-        return tuple(self._mappings[name][1] for name in self.tally.sites)
 
 
 def total_pause_s(job: Job) -> float:
@@ -155,10 +147,7 @@ def after_pause(job: Job) -> JobState:
 
 @dataclass(slots=True)
 class JobRun:
-    """The machine, the job, and where its progress is recorded and reported.
-
-    `regime` is the number of the regime in use, `recipe` its recipe if the job has several.
-    """
+    """The machine, the job, and where its progress is recorded; `regime` and `recipe` of a job with several."""
 
     machine: Machine
     job: Job
@@ -177,17 +166,11 @@ class JobRun:
 
     @property
     def setup(self) -> Setup:
-        """The machine's own settings."""
         return self.job.setup
 
     def target_at(self, site: Place) -> HoleTarget:
         """Return the target of a hole in the regime in use."""
         return replace(target_of(self.profile, site), regime=self.recipe.name if self.recipe else "")
-
-    @property
-    def regime_follows(self) -> bool:
-        """Whether another regime follows, which begins from a measured bottom."""
-        return self.regime + 1 < len(self.job.profile.regimes)
 
     @property
     def uncertainty(self) -> Displacement:
@@ -201,7 +184,6 @@ class JobRun:
             self.watch.set_duty_voltage(self.profile.pulse.duty_voltage_v)
 
     def note(self, code: RunEvent, message: str, args: Args, level: EventLevel = EventLevel.INFO) -> None:
-        """Write an event to the run file."""
         self.recorder.append(EventRow(self.machine.time_s, code, level, message, args))
 
     def decide(
@@ -224,25 +206,20 @@ class JobRun:
             raise failures.contact_closed(here_um=here_um, where=where, remedy=hint)
 
     def begin(self, phase: Phase) -> None:
-        """Report the phase that begins."""
         self.tally.phase = phase
-        displacement_um = self.watch.displacement_um
-        self.observer.progress(
-            self.progress(
-                time_s=self.machine.time_s, gap_v=0.0, ratios=NO_PULSES, displacement_um=displacement_um
-            )
-        )
+        time_s, here_um = self.machine.time_s, self.watch.displacement_um
+        progress = self.progress(time_s=time_s, gap_v=0.0, ratios=NO_PULSES, displacement_um=here_um)
+        self.observer.progress(progress)
 
     def on_telemetry(self, block: TelemetryBlock) -> None:
         """Report the samples of a block; while machining the follower of the cut or pass does so."""
         if self.tally.phase is not Phase.MACHINING:
             seen = block.summary
-            ratios = pulse_shares(*seen.counts)
-            self.observer.progress(
-                self.progress(
-                    time_s=seen.end_s, gap_v=seen.gap_mean_v, ratios=ratios, displacement_um=seen.mean_um
-                )
+            shares, here_um = pulse_shares(*seen.counts), seen.mean_um
+            progress = self.progress(
+                time_s=seen.end_s, gap_v=seen.gap_mean_v, ratios=shares, displacement_um=here_um
             )
+            self.observer.progress(progress)
 
     def progress(self, **values: Any) -> Progress:
         """Return a progress with the state of the job filled in where `values` have nothing else."""
@@ -264,11 +241,7 @@ class JobRun:
 
 
 def rest_and_look(run: JobRun, duration_s: float) -> None:
-    """Rest for a time, and then until a sample from that time has arrived.
-
-    If the host is delayed or frames are lost, time passes without samples, and a ramp that is planned from an older
-    place goes too far. Without any samples the rest raises LinkLost E4022, as every wait does.
-    """
+    """Rest, then wait for a sample from that time, so that no ramp is planned from an older place."""
     begin_s = run.machine.time_s
     run.machine.rest(duration_s)
     while run.watch.newest_s <= begin_s:

@@ -1,12 +1,9 @@
 """A machine is made ready for a job or one procedure, and left retracted and idle after it.
 
-If anything ends a procedure early, the machine is brought to its safe state first.
-
-Conditioning brings the memory of the actuator into a known state beside the work, and starts the estimator there.
-Hysteresis depends on the turning points of the voltage; full swings erase the earlier ones. Without them a model is
-wrong by tens of µm near 0 V (Muralidhara et al. 2009, §2.2, near the trough of Fig. 3a). The swings are compared
-with the sensor over the whole stroke, which sets the gain and zero of the day for a calibration; without one a plain
-model is identified from them.
+Conditioning erases the memory of the actuator beside the work, and starts the estimator there: hysteresis depends on
+the turning points of the voltage, and without full swings a model is wrong by tens of µm near 0 V (Muralidhara et
+al. 2009, §2.2, near the trough of Fig. 3a). The swings are compared with the sensor, which sets the gain and zero of
+the day for a calibration; without one a plain model is identified from them.
 """
 
 from __future__ import annotations
@@ -23,12 +20,11 @@ from edmctl import failures
 from edmctl.actuator.inverse import jump_volts
 from edmctl.actuator.quick import identify_quick
 from edmctl.actuator.record import Record
-from edmctl.actuator.validation import ErrorFigures
 from edmctl.errors import EdmError, LinkLost, MachineFault, PreconditionError, ProtocolMismatch, RunFileError
 from edmctl.machine.interface import SLICE_S, Machine, TelemetryBlock, joined
 from edmctl.machine.stop import safe_state_on_error
-from edmctl.procedures.displacement_estimate import SensorlessMachine, Tracker, home
-from edmctl.procedures.job import CalibratedActuator, Job, JobTally, NoStateStore, StateStore
+from edmctl.procedures.displacement_estimate import SensorlessMachine, home
+from edmctl.procedures.job import Job, JobTally, NoStateStore, StateStore
 from edmctl.procedures.monitoring.monitors import LinkMonitor, SensorMonitor, record_link
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import Args, JobRun, JobStateKeeper, rest_and_look, total_pause_s
@@ -40,8 +36,10 @@ from edmctl.results.progress import Observer, Phase
 from edmctl.wording import signed
 
 LEAST_GAIN_UM_PER_V = 0.05  # half the least mean gain that a setup may have
-DAY_GAINS = (0.5, 2.0)
-"""Limits of the gain of the day: that of a stage changes by percents, of another machine by tens of them."""
+DAY_GAINS = (
+    0.5,
+    2.0,
+)  # limits of the gain of the day: a stage changes by percents, another machine by tens of them
 REST_S = 1.0  # rest before the first swing, so that the record starts from an actuator at rest
 
 
@@ -61,26 +59,31 @@ def running(
     """Arm and condition an idle machine, and leave it retracted and idle whatever happens inside.
 
     Without `pulses` it can make none, and needs no dielectric; with `self_test` the gap sensor is tested before
-    anything moves. `tally` gets the times in any case, `store` the state of the job at every step. `record_left`
-    writes the results of sites that were left, if an error ends the job.
-
-    Raises MachineFault, LinkLost, PreconditionError, RunFileError, Interrupted; the safe state was reached first, or
-    by the controller alone if the link is lost.
+    anything moves. `tally` gets the times in any case, `store` the state of the job at every step; `record_left`
+    writes the results of sites that an error left. Raises MachineFault, LinkLost, PreconditionError, RunFileError
+    and Interrupted after the safe state was reached, by the controller alone if the link is lost.
     """
-    watch = Watch(
-        recorder,
-        job.profile.pulse.duty_voltage_v,
-        recorded_every(job.profile, job.setup),
-        sensor=job.setup.sensor.fitted,
-    )
-    machine = _with_displacements(machine, job, watch)
+    duty_voltage_v, has_sensor = job.profile.pulse.duty_voltage_v, job.setup.sensor.fitted
+    watch = Watch(recorder, duty_voltage_v, recorded_every(job.profile, job.setup), sensor=has_sensor)
+    if not has_sensor:
+        if job.calibration is None:
+            raise failures.no_calibration_for_machine(serial=machine.identity.serial)
+        estimated = SensorlessMachine(machine, job.calibration, job.setup.actuator.gain_um_per_v)
+        watch.estimate_with(estimated.tracker)
+        machine = cast("Machine", estimated)
     keeper = JobStateKeeper(job, tally, store or NoStateStore())
     run = JobRun(machine, job, watch, recorder, observer, tally, keeper)
-    _continue_earlier_run(run)
+    left = job.resumed
+    run.use_regime(left.regime if left is not None and left.begun and not job.restart_hole else 0)
+    if left is not None:
+        tally.sites.update({result.name: result for result in map(site_result_of, left.done)})
+        tally.unwritten.extend(tally.sites)
+        tally.earlier_time_s, tally.machining_time_s = left.time_s, left.job_machining_time_s
+        tally.pause_s = total_pause_s(job)
     watch.follow_creep(job.creep_left)
     for guard in (keeper.on_telemetry, LinkMonitor(run).on_telemetry, run.on_telemetry):
         watch.guard(guard)
-    if job.setup.sensor.fitted and job.calibration is not None:
+    if has_sensor and job.calibration is not None:
         watch.compare(SensorMonitor(run).update)
     try:
         with safe_state_on_error(machine):
@@ -103,53 +106,26 @@ def running(
         tally.link = machine.link_report()
 
 
-def _continue_earlier_run(run: JobRun) -> None:
-    left, tally = run.job.resumed, run.tally
-    run.use_regime(left.regime if left is not None and left.begun and not run.job.restart_hole else 0)
-    if left is not None:
-        tally.sites.update({result.name: result for result in map(site_result_of, left.done)})
-        tally.unwritten.extend(tally.sites)
-        tally.earlier_time_s, tally.machining_time_s = left.time_s, left.job_machining_time_s
-        tally.pause_s = total_pause_s(run.job)
-
-
-def _with_displacements(machine: Machine, job: Job, watch: Watch) -> Machine:
-    """Return the machine itself if it has a sensor, otherwise one with a calibrated actuator."""
-    if job.setup.sensor.fitted:
-        return machine
-    if job.calibration is None:
-        raise failures.no_calibration_for_machine(serial=machine.identity.serial)
-    estimated = SensorlessMachine(machine, job.calibration, job.setup.actuator.gain_um_per_v)
-    watch.estimate_with(estimated.tracker)
-    return cast("Machine", estimated)
-
-
 def _prepare(run: JobRun, *, pulses: bool, self_test: bool) -> None:
-    settings = controller_settings(run.profile, run.setup)
+    machine, settings = run.machine, controller_settings(run.profile, run.setup)
     if not pulses:
         settings = replace(settings, dielectric_required=False)
-    run.machine.configure(settings, pulse_settings(run.profile))
-    run.machine.start_telemetry(telemetry_settings(run.profile, run.setup), run.watch)
-    run.machine.arm(pulses=pulses)
-    run.decide(
-        RunEvent.ARMED, f"Armed: {run.machine.identity.serial}.", {} if self_test else {"pulses": pulses}
-    )
+    machine.configure(settings, pulse_settings(run.profile))
+    machine.start_telemetry(telemetry_settings(run.profile, run.setup), run.watch)
+    machine.arm(pulses=pulses)
+    run.decide(RunEvent.ARMED, f"Armed: {machine.identity.serial}.", {} if self_test else {"pulses": pulses})
     if self_test:
         # Before anything moves: with a wrong gap voltage the tool would be driven into the workpiece.
-        gap_v, open_v = run.machine.self_test(), run.profile.pulse.duty_voltage_v
-        run.decide(
-            RunEvent.SELF_TESTED,
-            f"The gap sensor shows {gap_v:.2f} V of {open_v:.2f} V with the generator on, and none with it off.",
-            {"gap_v": gap_v, "open_v": open_v},
+        gap_v, open_v = machine.self_test(), run.profile.pulse.duty_voltage_v
+        message = (
+            f"The gap sensor shows {gap_v:.2f} V of {open_v:.2f} V with the generator on, and none when off."
         )
+        run.decide(RunEvent.SELF_TESTED, message, {"gap_v": gap_v, "open_v": open_v})
     condition(run, pulses=pulses)
 
 
 def _record_end(run: JobRun, error: EdmError, record_left: Callable[[JobRun], None]) -> None:
-    """Keep the state of the job, and record what was reached, the controller's black box, and why it ended.
-
-    A disk that fails now must not hide that reason.
-    """
+    """Record what was reached, the black box and why the job ended; a disk that fails now must not hide that."""
     with suppress(EdmError):
         run.keeper.stop(run.machine.time_s, linked=not isinstance(error, LinkLost))
     run.keeper.leave()
@@ -167,23 +143,20 @@ def _record_end(run: JobRun, error: EdmError, record_left: Callable[[JobRun], No
             if math.isfinite(reached.depth_estimated_u95_um):
                 depth = {**depth, "depth_u95_um": reached.depth_estimated_u95_um}
             run.note(RunEvent.LEFT_UNMEASURED, str(reached), depth, EventLevel.WARNING)
-        args = {"code": error.code, "hint": error.hint}
-        run.note(RunEvent.ENDED_EARLY, error.message, args, EventLevel.ERROR)
+        why = {"code": error.code, "hint": error.hint}
+        run.note(RunEvent.ENDED_EARLY, error.message, why, EventLevel.ERROR)
 
 
 def _record_black_box(run: JobRun) -> None:
-    """Record the samples and waveforms about a latched fault.
-
-    A dead line or an implausible answer must not hide the fault itself.
-    """
+    """Record samples and waveforms about a latched fault, which a dead line must not hide."""
     with suppress(LinkLost, ProtocolMismatch, MachineFault, PreconditionError):
         if not run.machine.status().fault:
             return
         with suppress(PreconditionError):
             block = run.machine.black_box()
-            if block is not None and not run.setup.sensor.fitted:
-                block = replace(block, displacement_um=np.full(len(block.time_s), np.nan))
             if block is not None:
+                if not run.setup.sensor.fitted:
+                    block = replace(block, displacement_um=np.full(len(block.time_s), np.nan))
                 run.recorder.append(block)
         batch = run.machine.waveforms()
         if batch is not None:
@@ -198,13 +171,13 @@ def condition(run: JobRun, *, pulses: bool = True) -> None:
     """
     move_to(run, run.job.parking)
     run.begin(Phase.CONDITIONING)
+    actuator, top_v = run.setup.actuator, run.profile.limits.stroke_v_max
     record: list[TelemetryBlock] = []
     run.watch.follow(record.append)
     try:
         rest_and_look(run, REST_S)
-        actuator = run.setup.actuator
         for _ in range(actuator.conditioning_cycles):
-            run.machine.ramp(run.profile.limits.stroke_v_max, actuator.conditioning_slew_v_s)
+            run.machine.ramp(top_v, actuator.conditioning_slew_v_s)
             run.machine.ramp(0.0, actuator.conditioning_slew_v_s)
         run.machine.rest(2.0 * SLICE_S)  # until the last samples of the swings are in
         run.machine.disarm()
@@ -213,7 +186,7 @@ def condition(run: JobRun, *, pulses: bool = True) -> None:
     if run.setup.sensor.fitted:
         _start_estimator(run, joined(record))
     else:
-        cycles, top_v = actuator.conditioning_cycles, run.profile.limits.stroke_v_max
+        cycles = actuator.conditioning_cycles
         message = f"Conditioned with {cycles} swings to {top_v:.0f} V; there is no sensor to compare with."
         run.decide(RunEvent.CONDITIONED, message, {"cycles": cycles})
     estimator = run.watch.estimator()
@@ -224,13 +197,25 @@ def condition(run: JobRun, *, pulses: bool = True) -> None:
 
 
 def _start_estimator(run: JobRun, block: TelemetryBlock) -> None:
-    """Follow the voltage really applied through the swings, from a conditioned actuator at rest."""
+    """Follow the voltage really applied through the swings, from a conditioned actuator at rest.
+
+    Raises PreconditionError: E8033 if the sensor does not rise with the voltage, E8038 for a calibration of
+    something else.
+    """
     record = Record(block.time_s, block.actuator_v, block.displacement_um)
     calibration, cycles = run.job.calibration, run.setup.actuator.conditioning_cycles
     if cycles:
-        _refuse_dead_sensor(record)
+        slope = float(np.cov(record.u_v, record.y_um)[0, 1]) / max(float(record.u_v.var()), 1e-12)
+        if not slope > LEAST_GAIN_UM_PER_V:
+            raise failures.sensor_contradicts_voltage(slope_um_per_v=signed(slope), u_v=np.ptp(record.u_v))
     if calibration is not None:
-        tracker, errors = _homed(calibration, record)
+        gain = math.nan
+        with suppress(ValueError):
+            tracker, errors = home(calibration.model, record, calibration.held_out_rms_um)
+            gain = tracker.estimator.gain
+        if not DAY_GAINS[0] <= gain <= DAY_GAINS[1]:
+            found = "no positive gain" if math.isnan(gain) else f"a gain of {gain:.3g}"
+            raise failures.calibration_contradicted_by_swings(found=found)
     elif cycles:
         try:
             model, quick = identify_quick(record)
@@ -240,37 +225,11 @@ def _start_estimator(run: JobRun, block: TelemetryBlock) -> None:
     else:
         return
     run.watch.estimate_with(tracker)
+    estimator = tracker.estimator
+    figures = {"cycles": cycles, "rms_um": errors.rms_um, "max_um": errors.max_um}
     run.decide(
         RunEvent.CONDITIONED,
         f"Conditioned with {cycles} swings to {run.profile.limits.stroke_v_max:.0f} V; the actuator model fits "
         f"within {errors.rms_um:.2f} µm rms, {errors.max_um:.1f} µm at most.",
-        {
-            "cycles": cycles,
-            "rms_um": errors.rms_um,
-            "max_um": errors.max_um,
-            "gain": tracker.estimator.gain,
-            "offset_um": tracker.estimator.offset_um,
-        },
+        {**figures, "gain": estimator.gain, "offset_um": estimator.offset_um},
     )
-
-
-def _homed(calibration: CalibratedActuator, record: Record) -> tuple[Tracker, ErrorFigures]:
-    """Learn gain and zero of the day. Raises PreconditionError E8038 for a calibration of something else."""
-    low, high = DAY_GAINS
-    try:
-        tracker, errors = home(calibration.model, record, calibration.held_out_rms_um)
-        gain = tracker.estimator.gain
-    except ValueError:
-        gain = math.nan
-    if low <= gain <= high:
-        return tracker, errors
-    found = "no positive gain" if math.isnan(gain) else f"a gain of {gain:.3g}"
-    raise failures.calibration_contradicted_by_swings(found=found)
-
-
-def _refuse_dead_sensor(record: Record) -> None:
-    """Raise PreconditionError E8033 if the sensor does not rise with the voltage: nothing may rely on it."""
-    slope_um_per_v = float(np.cov(record.u_v, record.y_um)[0, 1]) / max(float(record.u_v.var()), 1e-12)
-    if slope_um_per_v > LEAST_GAIN_UM_PER_V:
-        return
-    raise failures.sensor_contradicts_voltage(slope_um_per_v=signed(slope_um_per_v), u_v=np.ptp(record.u_v))

@@ -17,44 +17,28 @@ from edmctl.procedures.job import target_of
 from edmctl.profile.model import Profile
 from edmctl.profile.setup import Setup
 
-SHORT_SHARE_OF_OPEN_VOLTAGE = 0.15
-"""A plateau below this share of the open voltage is a short: 6 V of 40 V lie between a dead short (about 1 V) and
-an arc (17 V), which holds at every open voltage that a recipe may have."""
-ARC_SHARE_OF_DISCHARGE_VOLTAGE = 0.886
-"""An arc burns at 17 V where a normal discharge stands at 22 V (0.77 of it); the threshold lies midway, 19.5 V."""
+SHORT_SHARE_OF_OPEN_VOLTAGE = 0.15  # 6 V of 40 V, between a short (1 V) and an arc (17 V)
+ARC_SHARE_OF_DISCHARGE_VOLTAGE = 0.886  # 19.5 V, midway between an arc (17 V) and a discharge (22 V)
 ARC_DELAY_US = 3.0
 """A discharge that ignites sooner found the last plasma channel still conducting: without one a gap of some µm
 breaks down after tens of µs on average (mean gap voltage 0.8 of open, Muralidhara et al. 2009, Fig. 6)."""
-RETRACT_UM_S = 1000.0
-"""Retraction to 0 V when disarmed and on any fault: the whole stroke of 356 µm in 0.4 s, still a third of the
-actuator's slew limit of 1000 V/s. Our choice."""
-SAFE_CLEARANCE_UM = 20.0
-"""The stages may move while the tool is at least this far above the untouched surface: several times what tilt
-(0.3 mrad over 5 mm) and creep can take of it. Our choice."""
-SHORT_STUCK_S = 1.5
-"""A short that lasts so long is stuck. Healthy ones clear within 70 ms; after 0.5 s the controller retracts four
-times as fast, so this leaves 1 s at 200 µm/s: far more way than a debris bridge is high (decision 0012)."""
-ARC_RUN = 20
-"""Consecutive arcs that are a burn: healthy gaps show runs of 4, badly flushed ones up to 11 (decision 0012)."""
-OPEN_LOST_S = 3.0
-"""So long without any discharge, the work or the tool is not where it should be: a healthy gap is open for 14 ms
-at most, and at 5 µm/s the tool advances 15 µm meanwhile (decision 0012)."""
+RETRACT_UM_S = 1000.0  # to 0 V when disarmed and on any fault: 356 µm in 0.4 s, a third of the slew limit
+SAFE_CLEARANCE_UM = 20.0  # above the surface while stages move: several times tilt (0.3 mrad, 5 mm) and creep
+SHORT_STUCK_S = 1.5  # healthy shorts clear in 70 ms; 1 s at 200 µm/s clears any debris bridge (decision 0012)
+ARC_RUN = 20  # consecutive arcs that are a burn: healthy gaps show 4, badly flushed ones 11 (decision 0012)
+OPEN_LOST_S = 3.0  # without any discharge: a healthy gap is open for 14 ms at most (decision 0012)
 
-JUMPING = 2.0
-"""A feed through open pulses takes so many times as long as its way does at the servo's speed: jumps go on."""
-_LARGEST_COUNT = 250
-"""Pulses per telemetry sample that a count of one byte still holds, with a margin of 2 %."""
+JUMPING = 2.0  # a feed through open pulses takes this many times as long as at the servo's speed, with jumps
+_LARGEST_COUNT = 250  # pulses per telemetry sample that a count of one byte still holds, with a margin of 2 %
 _FRAME_S = 0.1  # telemetry frames come this often where the rate allows: the supervisor's 10 Hz
 _LARGEST_BATCH = 14  # samples of 16 bytes that fit the 240 bytes of one frame
-_JOB_HZ = 100.0
-"""A job needs as many samples, however few are recorded: identification takes 200 of the conditioning swings (some
-seconds), a touch three of its dwell (0.3 s), and a frame is the mean that the supervisor judges by."""
+_JOB_HZ = 100.0  # samples a job needs: 200 of the conditioning swings to identify, three of a touch's dwell
 
 
 def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
     """Return the controller's parameters for this recipe on this machine."""
     servo, actuator, pulse = profile.servo, setup.actuator, profile.pulse
-    # Behind the sheet nothing but open pulses is right; before, the host looks (breakthrough.py).
+    # Behind the sheet nothing but open pulses is right; before, the host looks (servo/limits.py).
     completion_um = target_of(profile).completion_um
     lost_um = profile.limits.open_lost_um
     if completion_um:
@@ -108,7 +92,6 @@ def motion_settings(setup: Setup, safe_z_um: float, *, sensor_fitted: bool, puls
 
 
 def retract_v_s(setup: Setup) -> float:
-    """Return how fast the actuator retracts to 0 V, V/s."""
     return min(setup.actuator.slew_v_s, RETRACT_UM_S / setup.actuator.gain_um_per_v)
 
 
@@ -123,7 +106,6 @@ def fastest_hz(profile: Profile) -> float:
 
 
 def pulse_settings(profile: Profile) -> PulseSettings:
-    """Return what the generator is to make."""
     pulse = profile.pulse
     return PulseSettings(
         on_time_us=pulse.on_time_us,
@@ -136,10 +118,7 @@ def pulse_settings(profile: Profile) -> PulseSettings:
 
 
 def telemetry_settings(profile: Profile, setup: Setup) -> TelemetrySettings:
-    """Sampling for the host: a multiple of the rate that is logged which suffices for the job and the pulse counts.
-
-    A setup with a slow line limits it by `controller.telemetry_hz`, whatever the job needs.
-    """
+    """Sampling for the host: a multiple of the logged rate that suffices for the job, as the line allows."""
     slowest_hz = max(_JOB_HZ, fastest_hz(profile) / _LARGEST_COUNT)
     rate_hz = profile.log.servo_hz * math.ceil(slowest_hz / profile.log.servo_hz)
     rate_hz = min(rate_hz, setup.controller.telemetry_hz)
@@ -161,9 +140,8 @@ def recorded_every(profile: Profile, setup: Setup) -> int:
 def first_sparks_v(profile: Profile) -> float:
     """Return the mean gap voltage at which an approach ends, V: halfway from open to the servo's reference.
 
-    An approach that waits for the reference itself cuts as long as sparks keep the gap wider than that, which
-    they do without end where erosion is as fast as the approach. The first sparks lower the mean at once; an
-    open gap has none, so nothing else does.
+    An approach that waits for the reference itself would cut without end where erosion is as fast as the approach.
+    The first sparks lower the mean at once.
     """
     return 0.5 * (1.0 + profile.servo.reference) * profile.pulse.duty_voltage_v
 

@@ -15,7 +15,7 @@ from edmctl.errors import PreconditionError, stages_by_hand
 from edmctl.labels import PAD, PARKING
 from edmctl.machine.interface import Axis
 from edmctl.planning.channel import is_on_way, way_of_path
-from edmctl.procedures.hole.hole_estimate import (
+from edmctl.procedures.hole.cut_planning import (
     STANDARD_UNCERTAINTIES,
     ExpectedHole,
     expected_of_left,
@@ -32,18 +32,13 @@ from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase
 from edmctl.wording import coordinates, duration
 
-CLEAR_UM = 10.0
-"""A stage moves only if the tool is certainly this far above the untouched surface: half of the usual clearance
-(`settings.SAFE_CLEARANCE_UM`), several times the effect of tilt."""
-SOON_S = 600.0
-"""A job checks at its start that the stages may move this much later too, so that it is not refused on its way."""
-CREEP_WAIT_S = 60.0
-"""Longest wait for the actuator to creep back below the height at which the stages may move."""
+CLEAR_UM = 10.0  # stages move only if the tool is surely this far above the surface: several times the tilt
+SOON_S = 600.0  # at its start a job checks that the stages may move this much later too
+CREEP_WAIT_S = 60.0  # longest wait for the actuator to creep back below where the stages may move
 CREEP_LOOK_S = 1.0
 _SETTLED_UM = 0.2  # a rest that falls by less than this in a second has settled
 MODEL_ERROR_UM = 12.0  # twice the error of the actuator model in the first second at 0 V after a deep cut
-READING_MARGIN_UM = 1.0
-"""The controller decides by its own reading, so the height must be clear by more than noise."""
+READING_MARGIN_UM = 1.0  # the controller decides by its own reading: more than its noise
 _CHECK_TOUCHES = 2
 
 
@@ -72,18 +67,17 @@ def home_now(run: JobRun) -> Home:
     """
     if not run.setup.sensor.fitted:
         return Home(0.0)
-    zero_um, rests = run.watch.zero_um(), run.watch.rests
+    zero_um, rests, now_s = run.watch.zero_um(), run.watch.rests, run.machine.time_s
     if math.isnan(zero_um):
         home = _first_home(run)
         rests.first_um, rests.hidden_um, rests.first_s = home.um, home.hidden_um, run.machine.time_s
         return home
     drift_u_um_per_s = displacement_uncertainty(run.job).drift_u_um_per_s
     for before_s, before_um in rests.ends():
-        most_um = MODEL_ERROR_UM + DRIFT_SDS * drift_u_um_per_s * (run.machine.time_s - before_s)
-        if abs(zero_um - before_um) > most_um:
-            raise failures.rest_moved(
-                zero_um=abs(zero_um - before_um), time_s=run.machine.time_s - before_s, most_um=most_um
-            )
+        moved_um = abs(zero_um - before_um)
+        most_um = MODEL_ERROR_UM + DRIFT_SDS * drift_u_um_per_s * (now_s - before_s)
+        if moved_um > most_um:
+            raise failures.rest_moved(zero_um=moved_um, time_s=now_s - before_s, most_um=most_um)
     return Home(rests.home_um(zero_um), rests.hidden_um)
 
 
@@ -106,7 +100,14 @@ def _first_home(run: JobRun) -> Home:
     below = _work_below(run)
     if below is None:
         return home
-    return _home_by_touch(run, rest_um, below)
+    # Slow all the way: the way to contact includes no drift.
+    contact_um, reach_um, hidden_um = below
+    search = Search(rest_um, rest_um + contact_um + reach_um + BEYOND_PREDICTION_UM, _CHECK_TOUCHES, 0.0)
+    z_um = take_reading_in(run, "Zr", "the place where it stands", search).z_um
+    run.begin(Phase.RETRACTING)
+    run.machine.ramp(0.0, retract_v_s(run.setup))
+    rest_and_look(run, CREEP_LOOK_S)
+    return Home(min(_settled_um(run), z_um - contact_um), hidden_um)
 
 
 def pad_from_home_um(run: JobRun) -> float:
@@ -119,23 +120,11 @@ def pad_from_home_um(run: JobRun) -> float:
     return run.profile.approach.offset_um
 
 
-@dataclass(frozen=True, slots=True)
-class _WorkBelow:
-    """Expected contact under the tool, from home, and how much further it may be, µm.
+def _work_below(run: JobRun) -> tuple[float, float, float] | None:
+    """Return the contact expected under the tool from home, how much further it may be, and the hidden part, µm.
 
-    `hidden_um` is the part of that which may bring the tool nearer to the surface than home by the touch.
-    """
-
-    um: float
-    reach_um: float
-    hidden_um: float
-
-
-def _work_below(run: JobRun) -> _WorkBelow | None:
-    """Return the known surface under the tool: the pad, a hole that was left, or a place that is not cut yet.
-
-    A touch of the pad shows the clearance whatever the wear. The bottom of a hole is an estimate: the pad is as far
-    as the touch, less a feed that was not measured.
+    The surface is known at the pad, at a hole that was left, or at a place that is not cut yet. The bottom of a hole
+    is an estimate. The hidden part may bring the tool nearer to the surface than home by the touch.
     """
     status, pad, resumed = run.machine.status(), run.job.pad, run.job.resumed
     here, known_um = (status.x_um, status.y_um), run.setup.stage.repeatability_um
@@ -144,7 +133,7 @@ def _work_below(run: JobRun) -> _WorkBelow | None:
     left = expected_of_left(resumed, run.profile) if resumed and is_begun else ExpectedHole(lengths())
     pad_um, wear_reach_um = pad_from_home_um(run), left.reach_um(left.estimate.wear)
     if away_um <= run.job.spot_distance_um + known_um:
-        return _WorkBelow(pad_um, wear_reach_um, 0.0)
+        return pad_um, wear_reach_um, 0.0
     if resumed is None:
         return None
     slope_um = STANDARD_UNCERTAINTIES * 1e-3 * run.setup.surface.tilt_u_mrad * away_um
@@ -155,14 +144,14 @@ def _work_below(run: JobRun) -> _WorkBelow | None:
     else:
         site = next((s for s in run.job.sites if math.dist(here, (s.x_um, s.y_um)) <= known_um), None)
         if site is None and _is_on_a_spot(run, here):
-            return _WorkBelow(pad_um, wear_reach_um + slope_um, slope_um)
+            return pad_um, wear_reach_um + slope_um, slope_um
         if site is None or site.name in run.tally.sites:
             return None
         is_left_here = site.name == resumed.site
     if not is_left_here:
-        return _WorkBelow(pad_um, slope_um, slope_um)
+        return pad_um, slope_um, slope_um
     reach_um = left.reach_um(left.estimate.feed) + slope_um
-    return _WorkBelow(pad_um + resumed.depth_um, reach_um, reach_um)
+    return pad_um + resumed.depth_um, reach_um, reach_um
 
 
 def _is_on_a_spot(run: JobRun, here: tuple[float, float]) -> bool:
@@ -173,17 +162,6 @@ def _is_on_a_spot(run: JobRun, here: tuple[float, float]) -> bool:
     return any(abs(um - least_um) <= known_um for um in away_um) and min(away_um) >= least_um - known_um
 
 
-def _home_by_touch(run: JobRun, rest_um: float, below: _WorkBelow) -> Home:
-    """Return home by a touch, slow all the way: the way to contact includes no drift."""
-    z_max_um = rest_um + below.um + below.reach_um + BEYOND_PREDICTION_UM
-    search = Search(rest_um, z_max_um, _CHECK_TOUCHES, 0.0)
-    z_um = take_reading_in(run, "Zr", "the place where it stands", search).z_um
-    run.begin(Phase.RETRACTING)
-    run.machine.ramp(0.0, retract_v_s(run.setup))
-    rest_and_look(run, CREEP_LOOK_S)
-    return Home(min(_settled_um(run), z_um - below.um), below.hidden_um)
-
-
 def _settled_um(run: JobRun) -> float:
     end_s, before_um = run.machine.time_s + CREEP_WAIT_S, math.inf
     while before_um - run.watch.displacement_um > _SETTLED_UM and run.machine.time_s < end_s:
@@ -192,27 +170,20 @@ def _settled_um(run: JobRun) -> float:
     return run.watch.displacement_um
 
 
-ROTARY_REPEATABILITY_DEG = 0.1
-"""Repeatability of the rotary table (Muralidhara et al. 2009, §3.1): a smaller turn is not made."""
+ROTARY_REPEATABILITY_DEG = 0.1  # a smaller turn is not made (Muralidhara et al. 2009, §3.1)
 
 _SETTLE_S = 0.2
 _WORTH_SETTING_UM = 1.0  # a home nearer than this to that of the controller is not sent
 _OF_ANOTHER_BENCH = (
-    "A virtual controller that is served anew without --bench is another machine, though with the number of the one "
-    "before where the seed is the same. Keep its runs in another folder (--out), or serve it with another --seed; "
-    "with --bench FILE it stays the same machine."
+    "A virtual controller that is served without --bench is another machine each time, even with the same number: "
+    "use another --seed or folder of runs (--out), or serve it with --bench FILE."
 )
 SETTABLE_BELOW_UM = 4.9  # a home 5 µm beyond the tool at rest is wrong: nothing pulls a tool beyond home
-SETTABLE_UM = 22.0
-"""The controller accepts no home 25 µm from the tool at rest: the host waits for creep. The controller's own reading
-is low-passed; it lags by 1 to 2 µm while creep ends."""
+SETTABLE_UM = 22.0  # the controller accepts no home 25 µm from the tool; its own reading lags by 2 µm
 
 
 def retract(run: JobRun) -> None:
-    """Ramp to 0 V, and wait until creep allows the stages to move.
-
-    The height over home counts, where the tool rests without creep: the sensor's own zero drifts.
-    """
+    """Ramp to 0 V, and wait until creep allows the stages to move, by the height over home."""
     run.begin(Phase.RETRACTING)
     run.machine.ramp(0.0, retract_v_s(run.setup))
     rest_and_look(run, _SETTLE_S)
@@ -240,42 +211,36 @@ def _is_home_set(run: JobRun, home: Home, over_um: float) -> bool:
 
 def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> PreconditionError:
     """Return why no stage may move: the tool is too far out, or may be with the sensor's drift."""
+    sensor_remedy = "Check the displacement sensor and the actuator's supply."
+    zero_remedy = (
+        "Retract and free the tool, set the displacement sensor to zero, and restart the controller. "
+    )
+    if not math.isnan(run.job.home_age_s):
+        zero_remedy += "Use a new folder of run files (--out): this one has the old zero. "
+    zero_remedy += stages_by_hand()
     if home.hidden_um <= CLEAR_UM:
-        message = (
-            f"The tool stands {over_um:.1f} µm from home at 0 V; the stages may move below {most_um:.1f} µm "
-            "only."
+        problem, remedy = (
+            f"The tool stands {over_um:.1f} µm from home at 0 V; the stages may move below {most_um:.1f} µm only.",
+            sensor_remedy,
         )
-        hint = "Check the displacement sensor and the actuator's supply."
     else:
-        message = (
+        problem, remedy = (
             f"The sensor reads {run.watch.displacement_um:.1f} µm at 0 V and may have drifted so far since its zero "
             f"was known that the tool could stand {over_um + home.hidden_um:.0f} µm out; the surface is "
-            f"{run.profile.approach.offset_um:.0f} µm from home."
+            f"{run.profile.approach.offset_um:.0f} µm from home.",
+            zero_remedy,
         )
-        hint = _zero_the_sensor(run)
     before_the_job_s = run.machine.uptime_s - run.machine.time_s
     if math.isnan(run.tally.home_s) and before_the_job_s < run.job.home_age_s - REPORT_DELAY_S:
-        message += (
+        problem += (
             f" The controller was started {duration(run.machine.uptime_s)} ago; home was known before that."
         )
-        hint = _OF_ANOTHER_BENCH if run.machine.identity.simulated else _zero_the_sensor(run)
-    return failures.tool_not_home(problem=message, remedy=hint)
-
-
-def _zero_the_sensor(run: JobRun) -> str:
-    has_old_zero = not math.isnan(run.job.home_age_s)
-    old = " Use a new folder of run files (--out): this one has the old zero." if has_old_zero else ""
-    return (
-        "Check that the tool is retracted and free, set the displacement sensor to zero, and restart the "
-        f"controller.{old} {stages_by_hand()}"
-    )
+        remedy = _OF_ANOTHER_BENCH if run.machine.identity.simulated else zero_remedy
+    return failures.tool_not_home(problem=problem, remedy=remedy)
 
 
 def move_to(run: JobRun, place: Place) -> None:
-    """Retract, then move X and Y to a place; the displacement estimate counts from the rest there.
-
-    Raises PreconditionError E8021 if the tool touches something although it is retracted.
-    """
+    """Retract, then move X and Y to a place. Raises PreconditionError E8021 if the retracted tool has contact."""
     retract(run)
     run.refuse_contact(
         " with the tool retracted; no stage was moved",

@@ -18,12 +18,7 @@ TIME, FEED = 0.10, 0.05
     tiers(
         ("cu270", ("target.depth_um=60",)),
         ("array-3x3", ("sites=[{x_um=500},{x_um=900,depth_um=40}]",)),
-        slow=(
-            ("cu150", ()),
-            ("cu150", ("wear.remeasure=never",)),
-            ("foil-through", ()),
-            ("array-3x3", ()),
-        ),
+        slow=(("cu150", ()), ("cu150", ("wear.remeasure=never",)), ("foil-through", ()), ("array-3x3", ())),
     ),
 )
 def test_holes_take_the_time_and_the_feed_that_were_forecast(

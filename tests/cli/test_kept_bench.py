@@ -14,7 +14,7 @@ import pytest
 
 from edmctl.errors import RunFileError
 from edmctl.jobs.persistent_simulator import KeptLine
-from edmctl.procedures.channel.scan import PassFollower
+from edmctl.procedures.channel.layers import PassFollower
 from edmctl.record import journal
 from edmctl.record.bench_file import bench_lock, read_bench, write_bench
 from edmctl.record.ledger import UNFINISHED, Ledger, SiteMachined, WearMeasured, history_of

@@ -12,7 +12,7 @@ import pytest
 
 from edmctl.link.faults import FAULTS, FaultRow
 from edmctl.link.messages import State
-from edmctl.record import writer
+from edmctl.record import disk, writer
 from edmctl.record.rows import RunEvent
 from tests.cli.commands import CU270, Here, Said
 from tests.faults.workshop import Workshop
@@ -137,7 +137,7 @@ def test_a_row_is_told_in_time_and_safely_and_the_machine_goes_on_after_it(
     with monkeypatch.context() as patch:
         if row.name == "LOG":
             patch.setattr(writer, "FLUSH_INTERVAL_S", 0.0)
-            patch.setattr(writer, "reserve", full_while_machining(workshop, patch))
+            patch.setattr(disk, "reserve", full_while_machining(workshop, patch))
         said = machine(*WAYS.get(row.name, ()), more=more)
 
     error = said.document["error"]

@@ -147,8 +147,6 @@ class ScanningMachine:
 
 @dataclass(slots=True)
 class Noted(NullRecorder):
-    """A recorder and an observer that keep the decisions."""
-
     codes: list[int] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -164,7 +162,6 @@ class Noted(NullRecorder):
 
 
 def scanning_run(machine: ScanningMachine, *overrides: str) -> tuple[JobRun, Noted]:
-    """What the procedures of a channel take, on that machine."""
     profile = load_profile(CIRCLE, overrides).profile
     job = Job(profile, Setup(), (Place("channel", 0.0, 0.0),))
     noted, ledger = Noted(), JobTally()

@@ -68,8 +68,6 @@ QUICK = (
 
 @dataclass(slots=True)
 class Seen(NullRecorder):
-    """A recorder that keeps what it is given."""
-
     servo: list[ServoBlock] = field(default_factory=list)
     pulses: list[PulseBlockBatch] = field(default_factory=list)
     slow: list[SlowRow] = field(default_factory=list)
@@ -82,19 +80,15 @@ class Seen(NullRecorder):
 
     @property
     def codes(self) -> list[int]:
-        """The codes of all events."""
         return [event[1] for event in self.events]
 
     def args(self, code: int) -> list[Mapping[str, float | int | str | bool]]:
-        """The arguments of the events with a code."""
         return [event[4] for event in self.events if event[1] == code]
 
     def messages(self, code: int) -> list[str]:
-        """The messages of the events with a code."""
         return [event[3] for event in self.events if event[1] == code]
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """One column of the recorded samples."""
         return np.concatenate([getattr(block, name) for block in self.servo])
 
     @property
@@ -157,7 +151,6 @@ class Kept:
 
 @contextmanager
 def refused(code: str, match: str | None = None) -> Iterator[pytest.ExceptionInfo[EdmError]]:
-    """Expect an error with this code."""
     with pytest.raises(EdmError, match=match) as caught:
         yield caught
     assert caught.value.code == code
@@ -218,7 +211,6 @@ class Shop:
         self.tally = JobTally()
 
     def run_job(self, recorder: Recorder | None = None, journal: StateStore | None = None) -> JobResult:
-        """Run the whole job."""
         return run_job(
             self.machine,
             self.job,
@@ -280,7 +272,6 @@ class Shop:
 
 
 def armed(shop: Shop, *, conditioned: bool = False) -> JobRun:
-    """Configure and arm the shop's machine for single procedures, and condition it if asked to."""
     run = shop.run()
     settings = controller_settings(shop.profile, shop.job.setup)
     shop.machine.configure(settings, pulse_settings(shop.profile))
@@ -304,14 +295,11 @@ def calibrated(seed: int = 1) -> CalibratedActuator:
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """A finished quick job."""
-
     shop: Shop
     result: JobResult
 
 
 @pytest.fixture(scope="session")
 def done() -> Done:
-    """Return a quick job that has run to its end; tests only look at it."""
     shop = Shop()
     return Done(shop, shop.run_job())

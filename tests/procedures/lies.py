@@ -75,7 +75,6 @@ class Fate:
 
 
 def short_job(seed: int, lie: Lie | None = None, draw: int = 0, kind: str = "plain") -> Fate:
-    """Run a short job of a seed with a controller that tells this lie."""
     shop = Shop((*SHORT, *KINDS[kind]), seed)
     bench = shop.bench
     if kind == "stopped":
@@ -120,7 +119,6 @@ def short_job(seed: int, lie: Lie | None = None, draw: int = 0, kind: str = "pla
 
 
 def _true_um(shop: Shop) -> float:
-    """True depth of the hole, or of the channel on average, µm."""
     if shop.job.profile.path is not None:
         truth = channel_truth(shop.job.profile, shop.bench, shop.bench.tool_wear_um)
         return truth.depth_um if truth else 0.0

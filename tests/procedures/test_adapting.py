@@ -49,11 +49,20 @@ class Cut:
         return sum(change.code is code for change in self.law.changes)
 
 
-def test_without_evidence_the_period_stays_and_decides(profile: Profile) -> None:
+def test_without_evidence_the_period_stays_and_decides_and_keeps_between_its_ends(profile: Profile) -> None:
     cut = Cut(profile)
     cut.spark(3.0 * CLEAN_S, arcs=0.035)
     assert cut.jumps_s[0] == pytest.approx(10.0, abs=0.15)
     assert cut.law.period_s == profile.jump.period_s
+    burst = Cut(profile)  # shorter than the window
+    for seconds, arcs in ((3.0, 0.0), (0.2, 0.2), (2.0, 0.0)):
+        burst.spark(seconds, arcs=arcs)
+    assert burst.jumps_s == []
+    cut = Cut(profile)
+    cut.spark(30.0, arcs=0.055)
+    assert cut.law.period_s == profile.jump.period_min_s
+    cut.spark(400.0)
+    assert cut.law.period_s == LONGEST_SHARE * profile.jump.period_s
 
 
 @pytest.mark.parametrize("share", ["arcs", "shorts"])
@@ -67,22 +76,6 @@ def test_a_second_over_a_threshold_halves_the_period_and_jumps_at_once(profile: 
     assert change.code is RunEvent.JUMP_PERIOD
     assert (change.args["from_s"], change.args["to_s"]) == (10.0, 5.0)
     assert "arcs and" in change.message
-
-
-def test_a_burst_shorter_than_the_window_is_no_evidence(profile: Profile) -> None:
-    cut = Cut(profile)
-    cut.spark(3.0)
-    cut.spark(0.2, arcs=0.2)
-    cut.spark(2.0)
-    assert cut.jumps_s == []
-
-
-def test_the_period_keeps_between_its_ends(profile: Profile) -> None:
-    cut = Cut(profile)
-    cut.spark(30.0, arcs=0.055)
-    assert cut.law.period_s == profile.jump.period_min_s
-    cut.spark(400.0)
-    assert cut.law.period_s == LONGEST_SHARE * profile.jump.period_s
 
 
 def test_nothing_is_judged_during_a_jump_and_shortly_after(profile: Profile) -> None:

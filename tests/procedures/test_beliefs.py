@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-import edmctl
 from edmctl.jobs.job import TrueWear
 from edmctl.procedures.job import NoStateStore
 from edmctl.profile.places import Place
@@ -105,13 +104,3 @@ def test_what_is_told_during_a_cut_holds_before_any_touch_has_confirmed_the_beli
     assert len(told.depths) > 100
     assert told.depths.count(True) >= LEAST_HELD * len(told.depths)
     assert told.wears.count(True) >= LEAST_HELD * len(told.wears)
-
-
-@pytest.mark.parametrize("tool_wear", tiers(1.8, slow=(2.6,)))
-def test_a_belief_that_two_stops_agree_on_ends_the_hole_in_three_cuts(tool_wear: float) -> None:
-    overrides = {"target.depth_um": 60, "sim.tool_wear": tool_wear, "log.pulses": "off", "jump.mode": "off"}
-    report = edmctl.connect("sim:", seed=3).machine("cu270", overrides=overrides, warn=lambda _: None)
-    report.raise_for_error()
-    (site,), (truth,) = report.sites, report.truths
-    assert site.cuts == 3
-    assert abs(truth.depth_um - site.depth_um) <= site.depth_u95_um

@@ -24,13 +24,11 @@ from .conftest import Done, Shop, armed, calibrated, refused, samples
 
 @pytest.fixture(scope="module")
 def run() -> Done:
-    """Return a finished quick job on a calibrated actuator; tests only look at it."""
     shop = Shop(calibration=calibrated())
     return Done(shop, shop.run_job())
 
 
 def scaled(factor: float, zero_um: float = 0.0) -> CalibratedActuator:
-    """The calibration of an actuator with another gain and zero."""
     own = calibrated()
     model = replace(
         own.model,
@@ -159,19 +157,9 @@ def test_a_trace_interpolates_and_forgets_what_is_long_past() -> None:
 
 def test_the_feed_error_is_largest_and_rms_of_means_while_machining() -> None:
     error = FeedError()
-    assert math.isnan(error.max_um)
-    assert math.isnan(error.rms_um)
+    assert [math.isnan(um) for um in error.figures_um()] == [True, True]
     error.update(block(0.0, 100.0), np.full(50, 101.0))
     error.update(block(0.5, 100.0), np.full(50, 97.0))
     error.update(block(1.0, 100.0, state=MachineState.JUMP), np.full(50, 150.0))
-    assert error.max_um == pytest.approx(3.0)
-    assert error.rms_um == pytest.approx(math.sqrt((1.0 + 9.0) / 2.0))
-
-
-def test_noise_of_single_samples_is_averaged_out_of_the_feed_error() -> None:
-    error = FeedError()
-    noise = 0.15 * np.random.default_rng(1).standard_normal((200, 50))
-    for k in range(200):
-        error.update(block(0.5 * k, 0.0), noise[k])
-    assert error.rms_um == pytest.approx(0.15 / math.sqrt(10.0), rel=0.1)
-    assert error.max_um < 0.2
+    assert error.figures_um()[0] == pytest.approx(3.0)
+    assert error.figures_um()[1] == pytest.approx(math.sqrt((1.0 + 9.0) / 2.0))

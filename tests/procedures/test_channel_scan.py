@@ -14,9 +14,8 @@ import pytest
 from edmctl.errors import MachineFault, PreconditionError
 from edmctl.machine.interface import EventCode, MachineEvent
 from edmctl.procedures.channel import layers as channel_layers
-from edmctl.procedures.channel.layers import SPARE_PASSES, Layers
-from edmctl.procedures.channel.scan import LOOK_AHEAD_S, PassPlan, PassResult, run_pass
-from edmctl.procedures.channel.touching import ChannelSurface
+from edmctl.procedures.channel.layers import LOOK_AHEAD_S, SPARE_PASSES, Layers, PassFollower
+from edmctl.procedures.channel.touching import ChannelSurface, PassPlan, PassResult
 from edmctl.procedures.servo.limits import UNSTABLE_S, TimeLeft, TimeLimits
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.channel import HeldTool, ToolWear, Way, circle, rectangle, way_of
@@ -42,18 +41,22 @@ def plan(*, plane: Plane = LEVEL, uj_per_um: float = 0.0, way: Way = WAY) -> Pas
 
 def passed(machine: ScanningMachine, planned: PassPlan, left_s: float = 1e4) -> PassResult:
     run, _ = scanning_run(machine)
-    return run_pass(run, planned, ToolWear(PER_UJ, 0.1, 0.15), left_s, "the time is up")
+    return PassFollower(run, planned, ToolWear(PER_UJ, 0.1, 0.15)).run(left_s, "the time is up")
 
 
-def test_every_line_is_sent_once_in_order_although_the_queue_is_short() -> None:
-    machine = machine_at_start(queue_size=3)
+def test_every_line_is_sent_once_in_order_shortly_before_the_tool_needs_it() -> None:
+    machine, usual = machine_at_start(queue_size=3, open_pulses=23), machine_at_start()
     done = passed(machine, plan())
     assert machine.full > 0
     assert [(m.x_um, m.y_um) for m in machine.moves] == [tuple(p) for p in WAY.points[1:]]
     assert [m.last for m in machine.moves] == [False] * (len(WAY.points) - 2) + [True]
     assert {m.speed_um_s for m in machine.moves} == {SPEED_UM_S}
     assert done.time_s == pytest.approx(WAY.length_um / SPEED_UM_S, abs=0.5)
-    assert done.fault == ""
+    assert (done.fault, done.open_share) == ("", 1.0)
+    assert done.energy_j == pytest.approx(22.0 * 0.01 * done.time_s, rel=0.02)
+    assert not math.isnan(done.gap_ratio_mean)
+    passed(usual, plan())
+    assert 3 <= usual.longest_queue <= 1 + (SPEED_UM_S * LOOK_AHEAD_S + 25.0) / 25.0
 
 
 def test_the_limit_follows_the_tilt_of_the_face() -> None:
@@ -81,12 +84,6 @@ def test_what_was_expected_of_the_energy_counts_less_and_less() -> None:
     assert sunk_um[0] > 0.1
     assert sunk_um[-1] < 0.5
     assert sunk_um[-1] < PER_UJ * 5e3 * WAY.length_um / 5.0
-
-
-def test_lines_are_sent_shortly_before_the_tool_needs_them() -> None:
-    machine = machine_at_start()
-    passed(machine, plan())
-    assert 3 <= machine.longest_queue <= 1 + (SPEED_UM_S * LOOK_AHEAD_S + 25.0) / 25.0
 
 
 @pytest.mark.parametrize(
@@ -126,19 +123,11 @@ def test_arcs_over_their_limit_are_told_once_and_end_the_pass_when_they_stay() -
     machine = machine_at_start(arc_pulses=6)
     run, noted = scanning_run(machine)
     slow = replace(plan(), speed_um_s=10.0)
-    done = run_pass(run, slow, ToolWear(PER_UJ, 0.1, 0.15), 1e4, "the time is up")
+    done = PassFollower(run, slow, ToolWear(PER_UJ, 0.1, 0.15)).run(1e4, "the time is up")
     assert (done.fault, done.message) == ("STALL", "arcs have stayed over their limit")
     assert UNSTABLE_S < done.time_s < UNSTABLE_S + 5.0
     assert noted.codes.count(RunEvent.ARCING) == 1
     assert passed(machine_at_start(arc_pulses=2), slow).fault == ""
-
-
-def test_pulses_and_energy_are_summed() -> None:
-    machine = machine_at_start(current_a=0.01, open_pulses=23)
-    done = passed(machine, plan())
-    assert done.open_share == 1.0
-    assert done.energy_j == pytest.approx(22.0 * 0.01 * done.time_s, rel=0.02)
-    assert not math.isnan(done.gap_ratio_mean)
 
 
 RING = way_of(circle(0.0, 0.0, 100.0), 25.0)

@@ -73,12 +73,10 @@ class Made:
 
 @pytest.fixture(scope="module")
 def made() -> Made:
-    """Return a quick channel that has run to its end."""
     return machined()
 
 
 def machined(inject: str = "") -> Made:
-    """Machine a quick channel to its end."""
     loaded = load_profile(CIRCLE, QUICK)
     profile = loaded.profile
     config = BenchConfig(tool_diameter_um=profile.tool.diameter_um, offset_um=profile.approach.offset_um)

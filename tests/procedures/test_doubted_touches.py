@@ -10,7 +10,7 @@ import pytest
 from edmctl.errors import ObjectiveNotReached
 from edmctl.machine.interface import Touch, TouchRequest
 from edmctl.procedures.session import condition
-from edmctl.procedures.touch.spots import pad_spots, read_pad
+from edmctl.procedures.touch.surfaces import pad_spots, read_pad
 from tests.tiers import tiers
 
 from .conftest import Shop, armed, refused
@@ -37,22 +37,14 @@ def test_a_chip_on_the_pad_costs_a_spot_and_no_accuracy(touch: int, size_um: flo
 
 @pytest.mark.parametrize("size_um", tiers(8.0, slow=(3.0, 14.0)))
 def test_a_chip_that_stays_on_the_bottom_widens_the_interval(size_um: float) -> None:
-    shop = Shop(seed=3002)
-    shop.inject(f"CHIP_{size_um:g}@touch{Z2_TOUCH}+0")
-    (site,) = shop.run_job().sites
-    assert any("is taken to be at" in told for told in shop.seen.doubts)
-    assert shop.holds(site)
-
-
-@pytest.mark.parametrize(("chip", "in_doubt"), [(f"CHIP_8@touch{Z2_TOUCH}+0", True), ("", False)])
-def test_a_hole_whose_bottom_was_not_believed_at_last_is_in_doubt(chip: str, in_doubt: bool) -> None:
     shop = Shop(("wear.max_cuts=1",), seed=3002)
-    if chip:
-        shop.inject(chip)
+    shop.inject(f"CHIP_{size_um:g}@touch{Z2_TOUCH}+0")
     with suppress(ObjectiveNotReached):
         shop.run_job()
     (site,) = shop.tally.sites.values()
-    assert site.in_doubt == in_doubt
+    assert any("is taken to be at" in told for told in shop.seen.doubts)
+    assert site.in_doubt
+    assert shop.holds(site)
 
 
 def test_a_loose_chip_on_the_bottom_is_washed_away() -> None:
@@ -63,28 +55,6 @@ def test_a_loose_chip_on_the_bottom_is_washed_away() -> None:
     assert not any("is taken to be at" in told for told in shop.seen.doubts)
     assert {row.kind for row in shop.seen.touches if not row.accepted} == {"Z2"}
     assert shop.holds(site)
-
-
-@pytest.mark.slow
-def test_a_clean_job_doubts_nothing() -> None:
-    for seed in range(3010, 3016):
-        shop = Shop(seed=seed)
-        shop.run_job()
-        assert shop.seen.doubts == []
-
-
-def test_touches_that_repeat_to_the_last_digit_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    shop = Shop(("measure.touches=6",), seed=3004)
-    touch = shop.machine.touch
-
-    def lying(request: TouchRequest) -> tuple[Touch, ...]:
-        return tuple(replace(one, displacement_um=50.0) for one in touch(request))
-
-    monkeypatch.setattr(shop.machine, "touch", lying)
-    with refused("E7021") as caught:
-        shop.run_job()
-    assert caught.value.hint
-    assert shop.bench.is_safe
 
 
 @pytest.mark.parametrize(("sets", "believed"), [(2, True), (100, False)])

@@ -13,11 +13,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from edmctl.errors import EdmError, Interrupted, PreconditionError
+from edmctl.errors import EdmError, Interrupted
 from edmctl.jobs.connected_machine import CALENDAR, Now, with_home, with_home_left
 from edmctl.link import messages as m
 from edmctl.machine.controller import LinkMachine
-from edmctl.machine.interface import Axis
 from edmctl.procedures.job import REPORT_DELAY_S, JobState
 from edmctl.procedures.monitoring.drift import (
     CREEP_SHARE,
@@ -28,7 +27,7 @@ from edmctl.procedures.monitoring.drift import (
 )
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import Home, _is_home_set, _is_on_a_spot, move_to, retract
-from edmctl.procedures.touch.spots import drift_between
+from edmctl.procedures.touch.surfaces import drift_between
 from edmctl.process.rest_drift import TIME_CONSTANTS_S, DriftModel, Rest
 from edmctl.profile.places import Place
 from edmctl.quantity import half_width
@@ -85,14 +84,12 @@ def over_the_pad(shop: Shop) -> Shop:
 
 
 def rested(shop: Shop) -> JobRun:
-    """Arm the machine, and let it rest."""
     run = armed(shop)
     run.machine.rest(0.5)
     return run
 
 
 def home_found_um(shop: Shop) -> float:
-    """Where a first retraction finds home."""
     retract(rested(shop))
     return shop.tally.home_um
 
@@ -131,7 +128,6 @@ def test_a_tool_that_creep_holds_low_waits_for_a_controller_that_takes_no_such_h
 
 
 def rest_at(run: JobRun, zero_um: float) -> None:
-    """Retract where the zero of the sensor reads so much."""
     run.watch.zero_um = lambda: zero_um  # type: ignore[method-assign]
     retract(run)
     run.watch.rests.note(run.machine.time_s, zero_um)
@@ -161,6 +157,8 @@ def test_rests_that_the_setup_explains_widen_no_interval(span_s: float, way_um: 
         rests.reach(0.0, way_um)
         rests.note(span_s, 2.0 + 0.0017 * span_s + creep_um)
         assert rests.contradicting_um_s(0.0017) == 0.0
+    for rest_um, home_um in ((60.0, 54.08), (52.0, 52.0), (-80.0, -80.0)):
+        assert first_home_um(rest_um, 50.0, 4.08) == pytest.approx(home_um)
 
 
 def test_rests_that_drift_faster_than_the_setup_states_widen_intervals() -> None:
@@ -192,24 +190,6 @@ def test_a_drift_between_tool_and_work_that_was_measured_widens_what_no_rest_sho
         assert (drift_between(run, first, last) is not None) is corrects  # type: ignore[arg-type]
 
 
-@pytest.mark.slow
-def test_the_wear_of_a_long_array_holds_a_fast_drift() -> None:
-    sites = 'sites=[{kind="grid",name="hole",x_um=600,y_um=-400,columns=4,rows=3,dx_um=400,dy_um=400}]'
-    shop = drifting(FAST_UM_S, overrides=(sites, "target.tolerance_um=15.0", "limits.max_time_s=7200"))
-    shop.run_job()
-    for site in shop.tally.sites.values():
-        assert abs(site.depth_um - shop.true_depth_um(site)) <= 3.0 * site.depth_u_um
-    assert shop.bench.controller.fault == 0
-
-
-def test_stages_stand_still_while_the_tool_is_low() -> None:
-    run = rested(drifting(-FAST_UM_S, hours=3.0))
-    move_to(run, run.job.parking)
-    run.machine.ramp(40.0, 300.0)
-    with pytest.raises(PreconditionError):
-        run.machine.move_stage(Axis.X, 0.0, 1000.0)
-
-
 def refuses_to_move(shop: Shop, out_um: float, code: str = "E8020") -> EdmError:
     """Let the actuator hold the tool that far out although its voltage is 0, and run the job; the refusal."""
     shop.bench.plant.unit.actuator_zero_um -= out_um
@@ -235,15 +215,6 @@ def test_a_tool_that_stands_out_is_not_moved_however_long_the_sensor_may_have_dr
         assert "displacement sensor to zero" in error.hint
 
 
-@pytest.mark.parametrize("out_um", tiers(60.0, slow=(35.0, 150.0)))
-@pytest.mark.parametrize("hours", tiers(8.0, slow=(4.0, 72.0)))
-def test_a_home_that_was_known_hours_ago_does_not_excuse_a_tool_that_stands_out(
-    out_um: float, hours: float
-) -> None:
-    shop = known_since(drifting(-FAST_UM_S, hours=hours), 3600.0 * hours)
-    assert "was started" not in refuses_to_move(shop, out_um).message
-
-
 @pytest.mark.parametrize(("home_um", "age_s"), [(-100.0, 60.0), (0.0, 20_000.0)])
 @pytest.mark.parametrize("simulated", [True, False])
 def test_a_controller_that_was_started_since_home_was_known_is_named(
@@ -265,12 +236,6 @@ def test_over_the_pad_a_touch_measures_home(rate_um_s: float, hours: float) -> N
     (site,) = shop.run_job().sites
     assert shop.holds(site)
     assert shop.tally.home_um == pytest.approx(rate_um_s * hours * 3600.0, abs=10.0)
-
-
-def test_over_the_pad_a_touch_measures_home_where_a_controller_just_started_cannot() -> None:
-    shop = over_the_pad(drifting(FAST_UM_S, hours=12.0))
-    shop.job = replace(shop.job, home_um=0.0, home_age_s=10.0)
-    assert home_found_um(shop) == pytest.approx(FAST_UM_S * 12.0 * 3600.0, abs=5.0)
 
 
 @pytest.mark.parametrize(
@@ -311,12 +276,10 @@ def states_on_a_worn_tool() -> tuple[Shop, tuple[JobState, ...]]:
 
 
 def left_between_holes(state: JobState) -> bool:
-    """Whether one hole is done, and none under way."""
     return len(state.done) == 1 and not state.site
 
 
 def left_in_a_hole(state: JobState) -> bool:
-    """Whether the second hole was under way."""
     return len(state.done) == 1 and state.begun
 
 
@@ -353,29 +316,21 @@ def test_over_a_place_that_is_not_cut_yet_a_touch_measures_home_too(rate_um_s: f
     assert after.holds(site)
 
 
-@EITHER_WAY
-def test_a_run_that_was_killed_between_two_holes_continues_by_the_home_of_its_journal(
-    rate_um_s: float,
-) -> None:
-    _, states = states_on_a_worn_tool()
-    state = next(state for state in reversed(states) if left_between_holes(state))
-    assert 0.0 <= state.home_age_s < 600.0
-    shop = known_since(drifting(rate_um_s, hours=10.0, overrides=TWO_DEEP_HOLES), 9.0 * 3600.0)
-    home_um = rate_um_s * 10.0 * 3600.0
-    shop.job = with_home_left(replace(shop.job, resumed=replace(state, home_um=home_um), pause_s=60.0))
-    assert home_found_um(shop) == pytest.approx(home_um, abs=3.0)
-
-
 @pytest.mark.parametrize(
-    ("home_age_s", "pause_s", "known_age_s"),
-    [(math.nan, 60.0, 30000.0), (20.0, math.inf, 30000.0), (20.0, 60.0, 300.0)],
+    ("home_age_s", "pause_s", "known_age_s", "used"),
+    [
+        (20.0, 60.0, 30000.0, True),
+        (math.nan, 60.0, 30000.0, False),
+        (20.0, math.inf, 30000.0, False),
+        (20.0, 60.0, 300.0, False),
+    ],
 )
-def test_a_home_of_the_journal_that_is_older_or_unknown_is_not_used(
-    home_age_s: float, pause_s: float, known_age_s: float
+def test_a_home_of_the_journal_is_used_unless_it_is_older_or_unknown(
+    home_age_s: float, pause_s: float, known_age_s: float, *, used: bool
 ) -> None:
     state = JobState("machining", 100.0, "tool", home_um=33.0, home_age_s=home_age_s)
     job = replace(Shop().job, resumed=state, pause_s=pause_s, home_um=7.0, home_age_s=known_age_s)
-    assert with_home_left(job) is job
+    assert with_home_left(job).home_um == (33.0 if used else 7.0)
 
 
 def test_a_home_of_the_ledger_from_the_future_has_no_age_and_is_not_used() -> None:
@@ -406,29 +361,23 @@ def test_a_drift_that_earlier_jobs_show_is_in_the_intervals_from_the_start(
     assert half_width(shop.run().uncertainty.drift_u_um_per_s) >= abs(rate_um_s)
 
 
-@pytest.mark.parametrize(
-    "homes",
-    [
-        pytest.param([(0.0, 1.0), (1200.0, 0.2), (2400.0, 1.1), (3600.0, 0.4)], id="no drift"),
-        pytest.param([(0.0, 1.0)], id="one home"),
-        pytest.param([(0.0, 1.0), (300.0, 3.0)], id="too short a time"),
-        pytest.param([(0.0, 80.0), (2000.0, 79.0), (3000.0, 0.5), (5000.0, 0.3)], id="set anew"),
-        pytest.param([(0.0, 80.0), (2000.0, 79.0), (1000.0, 0.5), (5000.0, 0.3)], id="clock set back"),
-    ],
-)
-def test_homes_that_show_no_drift_widen_nothing(homes: list[tuple[float, float]]) -> None:
-    assert contradicting_between_jobs_um_s(homes, 1.0 / 600.0) == 0.0
-
-
-@pytest.mark.parametrize("new", [(2000.0, 12.5), (7300.0, 80.0), (math.nan, 12.0)])
-def test_homes_before_a_break_count_until_there_are_enough_after_it(new: tuple[float, float]) -> None:
+def test_homes_show_a_drift_only_over_time_and_before_a_break_until_there_are_enough_after_it() -> None:
+    for homes in (
+        [(0.0, 1.0), (1200.0, 0.2), (2400.0, 1.1), (3600.0, 0.4)],  # no drift
+        [(0.0, 1.0)],
+        [(0.0, 1.0), (300.0, 3.0)],  # too short a time
+        [(0.0, 80.0), (2000.0, 79.0), (3000.0, 0.5), (5000.0, 0.3)],  # set anew
+        [(0.0, 80.0), (2000.0, 79.0), (1000.0, 0.5), (5000.0, 0.3)],  # clock set back
+    ):
+        assert contradicting_between_jobs_um_s(homes, 1.0 / 600.0) == 0.0
     homes = [(0.0, 0.0), (3600.0, 6.0), (7200.0, 12.0)]
     before_um_s = contradicting_between_jobs_um_s(homes, 0.0005)
     assert before_um_s > 0.0015
-    assert contradicting_between_jobs_um_s([*homes, new], 0.0005) == before_um_s
+    for new in ((2000.0, 12.5), (7300.0, 80.0), (math.nan, 12.0)):
+        assert contradicting_between_jobs_um_s([*homes, new], 0.0005) == before_um_s
 
 
-@pytest.mark.parametrize("deeper_um", [0.0, 6.0, 18.0])
+@pytest.mark.parametrize("deeper_um", tiers(18.0, slow=(0.0, 6.0)))
 def test_home_by_a_hole_that_was_left_includes_how_much_deeper_that_may_be(deeper_um: float) -> None:
     shop = Shop()
     state = shop.left(lambda p: p.depth_um > 6.0)
@@ -441,11 +390,6 @@ def test_home_by_a_hole_that_was_left_includes_how_much_deeper_that_may_be(deepe
     hidden_um = run.watch.rests.hidden_um
     assert abs(after.tally.home_um - drifted_um) < 5.0 + hidden_um
     assert deeper_um < hidden_um < 3.0 * deeper_um + 15.0
-
-
-def test_home_that_was_known_minutes_ago_bounds_what_may_be_drift() -> None:
-    for rest_um, home_um in ((60.0, 54.08), (52.0, 52.0), (-80.0, -80.0)):
-        assert first_home_um(rest_um, 50.0, 4.08) == pytest.approx(home_um)
 
 
 def test_a_tool_that_touches_something_at_rest_is_not_moved() -> None:

@@ -9,9 +9,11 @@ import pytest
 
 from edmctl.planning.measuring import estimate_of
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of
-from edmctl.procedures.hole.hole_estimate import (
+from edmctl.procedures.hole.cut_planning import (
+    CutPlan,
+    CutStart,
     ExpectedHole,
+    energy_of,
     estimate_in_cut,
     expected_of_left,
     is_untouched,
@@ -113,7 +115,7 @@ def test_a_drift_over_the_pause_hides_no_other_work() -> None:
 
 def test_a_face_is_untouched_and_a_finished_hole_the_same_within_the_uncertainty() -> None:
     assert [is_untouched(found(depth_um, 0.0)) for depth_um in (-0.2, 0.8, 1.0)] == [True, True, False]
-    expected = ExpectedHole(lengths(24.0, 0.3))
+    expected = ExpectedHole(lengths(Value(24.0, 0.3)))
     assert [expected.depth_fits(found(depth_um, 0.0)) for depth_um in (24.9, 25.5)] == [True, False]
 
 

@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from edmctl.procedures.touch.surface_plane import surface_spots
-from edmctl.process.plane import fitted_plane, unknown_plane
+from edmctl.procedures.touch.surfaces import surface_spots
 from edmctl.record.rows import RunEvent
 from tests.procedures.conftest import Shop, refused
 from tests.tiers import tiers
@@ -35,12 +34,6 @@ def test_a_hole_far_from_the_pad_is_as_deep_as_is_stated(away_um: float) -> None
     assert [touch.kind for touch in shop.seen.touches].count("Zr") == SPOTS
 
 
-def test_beside_the_pad_no_touch_is_spent_on_the_face() -> None:
-    shop = tilted()
-    shop.run_job()
-    assert "Zr" not in [touch.kind for touch in shop.seen.touches]
-
-
 def test_one_touch_of_the_face_serves_the_places_about_it() -> None:
     far = 'sites=[{kind="grid",name="hole",x_um=6000,y_um=0,columns=2,rows=1,dx_um=400,dy_um=400}]'
     shop = tilted(far)
@@ -55,14 +48,6 @@ def test_a_ramp_ends_above_where_an_untouched_face_can_be() -> None:
     shop.run_job()
     assert RunEvent.APPROACHED in [event[1] for event in shop.seen.events]
     assert shop.bench.controller.fault == 0
-
-
-def test_a_face_that_slopes_more_than_was_believed_is_believed() -> None:
-    believed = unknown_plane((0.0, 0.0), 0.3)
-    assert believed.height_u_um(10_000.0, 0.0) == pytest.approx(3.0)
-    found = fitted_plane((0.0, 0.0), [(10_000.0, 0.0)], [20.0], 0.15, 0.3)
-    assert found.height_um(10_000.0, 0.0) == pytest.approx(20.0, abs=0.05)
-    assert found.height_u_um(0.0, 10_000.0) == pytest.approx(20.0, rel=0.05)
 
 
 @pytest.mark.parametrize("touch", tiers(ZR_TOUCH, slow=(ZR_TOUCH + 1,)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -26,12 +25,8 @@ from edmctl.procedures.servo.limits import LEAST_S, LONGEST_SHARE, TimeLimits
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.plane import Step
 from edmctl.process.touches import (
-    LEAST_SCATTER_DOF,
-    TOUCH_CHECK_SD_UM,
     DepthAndWear,
     Reading,
-    TouchScatter,
-    reading_of,
 )
 from edmctl.quantity import Value
 from edmctl.record.rows import Row, RunEvent
@@ -39,7 +34,7 @@ from edmctl.results.job import Belief
 from edmctl.results.progress import Phase
 from edmctl.results.telemetry import LinkReport, TelemetryBlock, WaveformBatch
 
-from .conftest import Done, Seen, Shop, refused
+from .conftest import Seen, Shop, refused
 from .test_supervisor import a_slice
 
 REPORT = LinkReport(
@@ -59,8 +54,6 @@ REPORT = LinkReport(
 
 
 class Line:
-    """A machine as far as the watch of its line looks at it."""
-
     def __init__(self) -> None:
         self.bad_frames = 0
         self.time_s = 0.0
@@ -108,12 +101,11 @@ def test_the_line_is_recorded_every_ten_seconds() -> None:
     assert RunEvent.LINK not in s.seen.codes
 
 
-def test_the_end_of_a_run_sums_the_line_up_in_an_event_that_holds_all_figures() -> None:
+def test_the_end_of_a_run_sums_the_line_up_in_an_event() -> None:
     s, line = Shop(), Line()
     record_link(replace(s.run(), machine=cast("Machine", line)))
-    (figures,) = s.seen.args(RunEvent.LINK)
-    assert len(figures) == 11
-    assert len(json.dumps(dict(figures), separators=(",", ":"))) <= 200
+    (message,) = s.seen.messages(RunEvent.LINK)
+    assert message.startswith(f"Link: {REPORT.frames_received} frames in, {REPORT.bad_frames} damaged")
     assert len(s.seen.links) == 1
 
 
@@ -170,22 +162,16 @@ def test_wear_far_too_fast_or_a_hill_is_a_wrong_setup_as_far_as_the_measurement_
     assert s.seen.codes.count(RunEvent.SETUP_WRONG) == wrong
 
 
-def test_a_long_job_has_three_times_its_forecast() -> None:
+def test_a_long_job_has_three_times_its_forecast_unless_the_recipe_limits_it() -> None:
     s = Shop(('target={kind="depth",depth_um=150.0,tolerance_um=2.0}', "pulse.current_a=0.12"))
-    run = s.run()
     most_s = LONGEST_SHARE * forecast(s.profile, s.job.setup).machining_time_s
     assert most_s > LEAST_S
-    limits = TimeLimits(run)
+    limits = TimeLimits(s.run())
     s.tally.machining_time_s += most_s - 7.0
-    left = limits.left()
-    assert left.seconds == pytest.approx(7.0)
-    assert "the forecast allows" in left.limit
-
-
-def test_the_recipe_s_own_limit_comes_first_where_it_is_shorter() -> None:
+    assert limits.left().seconds == pytest.approx(7.0)
+    assert "the forecast allows" in limits.left().limit
     left = TimeLimits(Shop(("limits.max_time_s=60.0",)).run()).left()
-    assert left.seconds == pytest.approx(60.0)
-    assert left.limit == "limits.max_time_s allows the job 60 s"
+    assert (round(left.seconds, 6), left.limit) == (60.0, "limits.max_time_s allows the job 60 s")
 
 
 def test_a_job_beyond_its_forecast_is_ended_and_measured(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -198,14 +184,6 @@ def test_a_job_beyond_its_forecast_is_ended_and_measured(monkeypatch: pytest.Mon
     assert site.depth_um == pytest.approx(s.bench.truth()[0].depth_um, abs=1.0)
 
 
-def test_every_job_tests_the_gap_sensor_and_tells_about_its_line(done: Done) -> None:
-    codes = done.shop.seen.codes
-    assert codes.index(RunEvent.ARMED) < codes.index(RunEvent.SELF_TESTED) < codes.index(RunEvent.STAGE_MOVED)
-    assert codes.count(RunEvent.LINK) == 1
-    assert done.result.link is not None
-    assert done.result.link.lost_frames == 0
-
-
 def test_a_dead_gap_sensor_refuses_the_start() -> None:
     s = Shop()
     s.inject("GAP_SENSOR_LOW@arm+0")
@@ -215,8 +193,6 @@ def test_a_dead_gap_sensor_refuses_the_start() -> None:
 
 
 class Box(Seen):
-    """A recorder that also keeps the black box and the waveforms."""
-
     def append(self, row: Row) -> None:
         if isinstance(row, TelemetryBlock):
             self.box = row
@@ -324,57 +300,27 @@ def test_a_tilt_that_the_touches_of_a_job_show_contradicts_its_belief() -> None:
     assert belief(touched((0.9, 0.8), 1), "surface.tilt_u_mrad").seen is labels.Seen.HELD
 
 
-def test_few_touches_that_agree_by_chance_are_not_believed_to_scatter_so_little() -> None:
-    noise = np.random.default_rng(3)
-    held, trials = 0, 4000
-    for _ in range(trials):
-        scatter = TouchScatter()
-        for _ in range(LEAST_SCATTER_DOF):
-            scatter.add(reading_of(tuple(TOUCH_SD_UM * noise.standard_normal(2))))
-        held += abs(TOUCH_SD_UM * noise.standard_normal()) <= 1.96 * scatter.u_um
-    assert held >= 0.93 * trials
-    assert TouchScatter().u_um == TOUCH_CHECK_SD_UM
-
-
 @pytest.mark.parametrize(
-    ("zero_um", "seen"),
+    ("span_s", "zero_um", "seen"),
     [
-        pytest.param(1.8, labels.Seen.HELD, id="creep may be most of it"),
-        pytest.param(4.0, labels.Seen.CONTRADICTED, id="more than creep explains"),
-        pytest.param(-2.0, labels.Seen.CONTRADICTED, id="against all creep"),
+        pytest.param(300.0, 1.8, labels.Seen.HELD, id="creep may be most of it"),
+        pytest.param(300.0, 4.0, labels.Seen.CONTRADICTED, id="more than creep explains"),
+        pytest.param(300.0, -2.0, labels.Seen.CONTRADICTED, id="against all creep"),
+        pytest.param(50.0, 3.0, labels.Seen.NOT, id="too short a time"),
+        pytest.param(math.nan, 0.0, labels.Seen.NOT, id="no rests"),
     ],
 )
 def test_a_drift_is_judged_without_a_file_with_creep_in_its_uncertainty(
-    zero_um: float, seen: labels.Seen
+    span_s: float, zero_um: float, seen: labels.Seen
 ) -> None:
     run = Shop().run()
-    run.watch.rests.note(0.0, 0.0)
-    run.watch.rests.reach(0.0, 100.0)
-    run.watch.rests.note(300.0, zero_um)
+    if math.isfinite(span_s):
+        run.watch.rests.note(0.0, 0.0)
+        run.watch.rests.reach(0.0, 100.0)
+        run.watch.rests.note(span_s, zero_um)
     judge_job(run, [])
     drift = belief(run, "sensor.drift_um_per_s")
     assert drift.seen is seen
-    assert abs(drift.found - zero_um / 300.0) <= 0.5 / 300.0 + 1e-9
-    assert 0.0 < drift.found_u < 0.003
-
-
-def test_over_a_short_time_rests_tell_no_drift() -> None:
-    run = Shop().run()
-    judge_job(run, [])
-    assert belief(run, "sensor.drift_um_per_s").seen is labels.Seen.NOT
-    run.watch.rests.note(0.0, 0.0)
-    run.watch.rests.note(50.0, 3.0)
-    judge_job(run, [])
-    assert belief(run, "sensor.drift_um_per_s").seen is labels.Seen.NOT
-
-
-@pytest.mark.slow
-def test_beliefs_that_are_right_are_contradicted_once_in_twenty() -> None:
-    """Slopes as the setup believes, seen with the scatter of the touches."""
-    noise, alarms, trials = np.random.default_rng(5), 0, 300
-    for _ in range(trials):
-        true_mrad = 0.3 * noise.standard_normal()
-        spread_mrad = 1e3 * TOUCH_SD_UM * math.sqrt(1.5) / WAY_UM
-        slopes = tuple(true_mrad + spread_mrad * noise.standard_normal(2))
-        alarms += belief(touched(slopes, 6), "surface.tilt_u_mrad").seen is labels.Seen.CONTRADICTED
-    assert alarms <= 0.07 * trials
+    if seen is not labels.Seen.NOT:
+        assert abs(drift.found - zero_um / 300.0) <= 0.5 / 300.0 + 1e-9
+        assert 0.0 < drift.found_u < 0.003

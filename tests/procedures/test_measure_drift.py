@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from edmctl.cli.render.result_table import render_job
 from edmctl.jobs.job import TrueWear
 from edmctl.labels import Seen
 from edmctl.procedures.job import JobTally, NoStateStore
@@ -25,7 +24,6 @@ from edmctl.procedures.measure_drift import (
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.session import running
 from edmctl.process.rest_drift import TIME_CONSTANTS_S, DriftFit, DriftModel, model_of
-from edmctl.profile.places import Place
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.rows import RunEvent
 from edmctl.results.measurements import DriftResult
@@ -47,12 +45,9 @@ KNOWN = DriftModel(
     apart_u_um_per_s=2e-4,
     walk_um_per_sqrt_s=0.01,
 )
-ARRAY = tuple(Place(f"hole-{i + 1}", 500.0 + 400.0 * i, 0.0) for i in range(3))
 
 
 class Measured(NamedTuple):
-    """What a measurement has found on a bench with these drifts."""
-
     shop: Shop
     run: JobRun
     record: DriftRecord
@@ -124,21 +119,18 @@ def test_what_is_no_drift_is_not_kept() -> None:
 
 
 @cache
-def corrected(
-    sites: tuple[Place, ...], *, known: bool, share: float = 1.0, seed: int = 1
-) -> tuple[Shop, TrueWear]:
+def corrected(*, known: bool) -> tuple[Shop, TrueWear]:
     """A job on a sensor that drifts, with and without what measure-drift tells."""
-    shop = Shop(('target={kind="depth",depth_um=8.0,tolerance_um=2.0}',), seed)
+    shop = Shop(('target={kind="depth",depth_um=8.0,tolerance_um=2.0}',))
     shop.bench.plant.unit.sensor_drift_um_s = FASTER_UM_S
-    job = replace(shop.job, drift=replace(KNOWN, share=share) if known else None)
-    shop.job = replace(job, sites=sites) if sites else job
+    shop.job = replace(shop.job, drift=KNOWN if known else None)
     wear = TrueWear(shop.bench, NoStateStore())
     shop.run_job(journal=wear)
     return shop, wear
 
 
 def test_a_job_corrects_its_wear_and_states_what_is_left() -> None:
-    shop, wear = corrected((), known=True)
+    shop, wear = corrected(known=True)
     (site,) = shop.tally.sites.values()
     worn_um = wear.of_site(site.name)
     assert site.drift_correction_um > 1.0
@@ -153,33 +145,10 @@ def test_a_job_corrects_its_wear_and_states_what_is_left() -> None:
 
 
 def test_without_a_file_a_job_corrects_nothing_and_says_what_drift_costs() -> None:
-    shop, wear = corrected((), known=False)
+    shop, wear = corrected(known=False)
     (site,) = shop.tally.sites.values()
     assert site.drift_correction_um == 0.0
     assert not site.drift_by_rests
     assert site.wear_um - wear.of_site(site.name) > 1.0
     assert [belief.name for belief in shop.tally.result().contradicted] == ["sensor.drift_um_per_s"]
     assert site.drift_left_u_um > 0.0
-
-
-@pytest.mark.slow
-def test_a_share_of_nothing_is_a_file_in_use() -> None:
-    shop, _ = corrected((), known=True, share=0.0)
-    (site,) = shop.tally.sites.values()
-    assert site.drift_correction_um == 0.0
-    assert site.drift_by_rests
-    assert "measure-drift" not in render_job(shop.tally.result())
-
-
-@pytest.mark.slow
-def test_holes_of_an_array_are_corrected_as_well() -> None:
-    held = []
-    for seed in (1, 2, 3):
-        shop, wear = corrected(ARRAY, known=True, seed=seed)
-        assert set(shop.tally.sites) == {site.name for site in ARRAY}
-        for site in shop.tally.sites.values():
-            held.append(abs(site.wear_um - wear.of_site(site.name)) < site.wear_u95_um)
-            assert math.isfinite(site.feed_u95_um)
-        total_um = sum(site.wear_um for site in shop.tally.sites.values())
-        assert total_um == pytest.approx(shop.bench.tool_wear_um, abs=1.0)
-    assert held.count(False) <= 1

@@ -41,7 +41,6 @@ SITE = Place("beside", 500.0, 0.0)
 
 
 def ready(shop: Shop, *, pulses: bool = False) -> AbstractContextManager[JobRun]:
-    """The shop's machine, armed and conditioned."""
     return running(shop.machine, shop.job, JobTally(), recorder=shop.seen, observer=shop.told, pulses=pulses)
 
 
@@ -69,7 +68,7 @@ def touched() -> Touched:
     return Touched(shop, found, hole.depth_um)
 
 
-def test_feed_is_depth_and_wear_and_the_intervals_hold_the_truth(touched: Touched) -> None:
+def test_feed_is_depth_and_wear_and_the_intervals_hold_the_truth_and_the_budget(touched: Touched) -> None:
     found, bench = touched.found, touched.shop.bench
     assert found.feed_um == pytest.approx(found.depth_um + found.wear_um, abs=1e-9)
     assert found.feed_um == pytest.approx(found.z2_um - found.z1_um, abs=1e-9)
@@ -80,10 +79,6 @@ def test_feed_is_depth_and_wear_and_the_intervals_hold_the_truth(touched: Touche
     assert abs(found.wear_model_um - bench.tool_wear_um) <= 10.0
     assert bench.is_safe
     assert {row.kind for row in touched.shop.seen.touches} == {"Z1", "Z2", "Z3"}
-
-
-def test_the_budget_adds_up_to_what_is_stated(touched: Touched) -> None:
-    found = touched.found
     for name in ("wear", "depth", "feed"):
         combined_um = math.hypot(*(getattr(part, f"{name}_um") for part in found.budget))
         assert 1.95 <= getattr(found, f"{name}_u95_um") / combined_um <= 2.5, name

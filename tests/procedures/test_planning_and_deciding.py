@@ -66,13 +66,6 @@ def decision(
     return decide(recipe, goal(recipe), last.number, cut, found, start_of(found), learned(found))
 
 
-def test_the_first_cut_is_not_too_deep_even_of_a_tool_that_does_not_wear() -> None:
-    first = first_plan(profile(), SURFACE)
-    assert first.feed_um == pytest.approx(180.0)
-    assert first.z_limit_um == pytest.approx(50.0 + first.feed_um - 3.4)
-    assert first.measured
-
-
 def test_what_a_touch_has_contradicted_is_not_relied_on_in_the_next_hole() -> None:
     believed = estimate_of(profile())
     energy = Energy(100.0 * hole_area_um2(270.0, 8.0) / 0.0424, 0.0)
@@ -99,6 +92,7 @@ def test_drift_until_the_end_of_a_cut_counts_before_it() -> None:
 @pytest.mark.parametrize(
     ("override", "feed_um"),
     [
+        ("target.depth_um=180", 180.0),  # not too deep even of a tool that does not wear
         ('wear.remeasure="never"', 180.0 * 1.389),  # a single cut goes for the whole depth
         ('target={kind="feed",feed_um=250}', 250.0),  # from contact to contact
         ("wear.first_fraction=0.5", 90.0 * 1.389),
@@ -108,35 +102,29 @@ def test_the_recipe_sets_the_feed_of_the_first_cut(override: str, feed_um: float
     first = first_plan(profile(override), SURFACE)
     assert first.feed_um == pytest.approx(feed_um)
     assert first.z_limit_um == pytest.approx(50.0 + feed_um - 3.4)
+    assert first.measured
 
 
-def test_a_place_may_have_a_depth_of_its_own() -> None:
+def test_places_sheets_and_the_recipe_set_depths_and_the_number_of_cuts() -> None:
     recipe = profile()
     own = goal(recipe, replace(SITE, depth_um=40.0))
     assert own.depth_um == 40.0
     assert first_plan(recipe, SURFACE, own).feed_um < 40.0 * 1.389
-
-
-def test_a_way_through_goes_on_until_the_worn_tip_is_through() -> None:
-    recipe = profile(
+    sheet = profile(
         'target={kind="through",completion_um=20}', 'work={material="Cu",thickness_um=50,kind="through"}'
     )
-    assert goal(recipe).completion_um == 20.0
-    first = first_plan(recipe, SURFACE)
-    assert first.feed_um > 50.0 * 1.389 + 20.0
-
-
-@pytest.mark.parametrize(("override", "cuts"), [('"never"', 1), ('"auto"', 5), ("1", 2), ("3", 4), ("9", 5)])
-def test_the_recipe_sets_how_many_cuts_there_may_be(override: str, cuts: int) -> None:
-    assert cut_budget(profile(f"wear.remeasure={override}")) == cuts
+    assert goal(sheet).completion_um == 20.0
+    assert first_plan(sheet, SURFACE).feed_um > 50.0 * 1.389 + 20.0
+    for override, cuts in (('"never"', 1), ('"auto"', 5), ("1", 2), ("3", 4), ("9", 5)):
+        assert cut_budget(profile(f"wear.remeasure={override}")) == cuts
 
 
 def test_estimates_split_the_feed_by_the_wear_ratio() -> None:
     cut = plan()
-    assert cut.depth_at(50.0 - 3.4) == 0.0
-    assert cut.depth_at(cut.z_limit_um) == pytest.approx(210.0 / 1.389)
+    assert cut.at(50.0 - 3.4).depth_um == 0.0
+    assert cut.at(cut.z_limit_um).depth_um == pytest.approx(210.0 / 1.389)
     assert cut.at(cut.z_limit_um).wear_um == pytest.approx(0.389 * 210.0 / 1.389)
-    assert cut.depth_at(0.0) == 0.0
+    assert cut.at(0.0).depth_um == 0.0
     live = cut.at(cut.z_limit_um)
     assert live.depth_um + live.wear_um == pytest.approx(210.0)
     assert live.depth_u_um > 3.0

@@ -10,13 +10,21 @@ import pytest
 
 from edmctl.errors import MachineFault
 from edmctl.procedures.hole import cut as cutting
-from edmctl.procedures.hole.cut import AGAIN_S, ARC_BURN, MOST_BURNS, ArcRecovery
+from edmctl.procedures.hole.cut import AGAIN_S, ARC_BURN, MOST_BURNS, Cut
 from edmctl.procedures.hole.cut_planning import CutStart, first_plan
 from edmctl.procedures.job import JobState
 from edmctl.procedures.servo.adaptive import MOST_JUMPS, ShortRecovery
-from edmctl.procedures.servo.limits import JUMP_AFTER_S, STALL_S, Breakthrough, SparkLoss, StallDetection
+from edmctl.procedures.servo.limits import (
+    JUMP_AFTER_S,
+    STALL_S,
+    Breakthrough,
+    SparkLoss,
+    StallDetection,
+    TimeLeft,
+)
 from edmctl.procedures.settings import OPEN_LOST_S, controller_settings
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS
+from edmctl.quantity import Value
 from edmctl.record.rows import RunEvent
 from tests.tiers import tiers
 
@@ -60,8 +68,11 @@ def test_a_burn_costs_the_way_back_and_the_second_a_wider_gap_and_longer_pauses(
 BURN = MachineFault("", code=ARC_BURN, fault=3002)
 
 
-def burns_of(s: Shop, seen_um: float, ways_um: list[float]) -> tuple[ArcRecovery, SimpleNamespace]:
-    """The burns of a cut, and a supervisor that last saw the tool at `seen_um`; approaches go to `ways_um`."""
+def burning(
+    monkeypatch: pytest.MonkeyPatch, seen_um: float, ways_um: list[float]
+) -> tuple[Cut, SimpleNamespace]:
+    """A cut and its supervisor that last saw the tool at `seen_um`; approaches go to `ways_um`."""
+    s = Shop()
     machine = SimpleNamespace(
         time_s=100.0,
         clear_fault=lambda _: None,
@@ -72,11 +83,12 @@ def burns_of(s: Shop, seen_um: float, ways_um: list[float]) -> tuple[ArcRecovery
     watch = SimpleNamespace(displacement_um=0.0)
     run = replace(s.run(), machine=machine, watch=watch)  # type: ignore[arg-type]
     start = CutStart(50.0, 3.0, 2.0, drift_u_um_per_s=0.04, gap_u_um=0.0)
-    adaptive = SimpleNamespace(soften=lambda *_: None)
+    adaptive = SimpleNamespace(soften=lambda *_: None, changes=[], duty=0.3, reference=0.8)
     supervisor = SimpleNamespace(displacement_um=seen_um, sparking_s=1.0, seen_s=95.0, adaptive=adaptive)
-    nothing = dict.fromkeys(("set_generator", "start", "report_changes"), lambda: None)
-    cut = SimpleNamespace(**nothing, open_v=40.0, reference_v=20.0)
-    return ArcRecovery(run, first_plan(s.profile, start), supervisor, cut), supervisor  # type: ignore[arg-type]
+    cut = Cut(run, first_plan(s.profile, start), TimeLeft(100.0, ""))
+    for name, value in (("_supervisor", supervisor), ("_start", lambda: None), ("_duty", 0.3)):
+        monkeypatch.setattr(cut, name, value)
+    return cut, supervisor
 
 
 def test_burns_far_apart_are_answered_and_soon_after_each_other_only_two(
@@ -86,10 +98,10 @@ def test_burns_far_apart_are_answered_and_soon_after_each_other_only_two(
 
     def answered(apart_s: float) -> int:
         ways_um: list[float] = []
-        burns, supervisor = burns_of(Shop(), 48.0, ways_um)
+        cut, supervisor = burning(monkeypatch, 48.0, ways_um)
         for _ in range(MOST_BURNS):
             try:
-                burns.answer(BURN)
+                cut.recover(BURN)
             except MachineFault:
                 break
             supervisor.sparking_s += apart_s
@@ -107,8 +119,8 @@ def test_the_ramp_back_from_a_burn_ends_above_where_the_bottom_can_be(
     ramps_um: list[float] = []
     ways_um: list[float] = []
     monkeypatch.setattr(cutting, "lower_to", lambda _, target_um: ramps_um.append(target_um))
-    burns, _ = burns_of(Shop(), seen_um, ways_um)
-    burns.answer(BURN)
+    cut, _ = burning(monkeypatch, seen_um, ways_um)
+    cut.recover(BURN)
     spark_um = 48.0
     assert ramps_um == [pytest.approx(spark_um - ABOVE_BOTTOM_UM - UNKNOWN_SDS * unknown_um)]
     assert ways_um == [pytest.approx(spark_um + BEYOND_BOTTOM_UM + UNKNOWN_SDS * unknown_um)]
@@ -152,6 +164,9 @@ def test_a_short_that_lasts_is_jumped_away_from() -> None:
 
 def test_after_a_healthy_while_a_short_is_a_new_one() -> None:
     shorts = ShortRecovery()
+    for _ in range(50):  # a few pulses among the shorts are no lasting short
+        shorts.update(SLICE_S, 230, 225, sparking=True)
+    assert shorts.due() == ""
     for _ in range(MOST_JUMPS + 1):
         for _ in range(4):
             shorts.update(SLICE_S, 230, 230, sparking=True)
@@ -163,13 +178,6 @@ def test_after_a_healthy_while_a_short_is_a_new_one() -> None:
     for _ in range(4):
         shorts.update(SLICE_S, 230, 230, sparking=True)
     assert shorts.due()
-
-
-def test_a_few_pulses_among_the_shorts_are_no_lasting_short() -> None:
-    shorts = ShortRecovery()
-    for _ in range(50):
-        shorts.update(SLICE_S, 230, 225, sparking=True)
-    assert shorts.due() == ""
 
 
 def test_a_jump_that_frees_the_tool_starts_the_clock_of_a_stall_anew() -> None:
@@ -224,9 +232,8 @@ class Sheet:
             self.z_um += feed_um_s * SLICE_S
             self.depth_um += feed_um_s * SLICE_S / 1.39
             wiggle_um = 0.1 * (-1) ** i
-            if self.seen.update(
-                SLICE_S, self.z_um + wiggle_um, self.depth_um, self.u_um, opens, sparking=True
-            ):
+            depth = Value(self.depth_um, self.u_um)
+            if self.seen.update(SLICE_S, self.z_um + wiggle_um, depth, opens, sparking=True):
                 return (i + 1) * SLICE_S
         return None
 
@@ -262,7 +269,8 @@ def test_where_the_feed_has_no_room_to_rise_the_end_of_all_sparks_tells() -> Non
     sheet = Sheet(2.0)
     assert sheet.cut(20.0, feed_um_s=2.4) is None
     assert sheet.cut(1.0, feed_um_s=3.5, opens=1.0) is None
-    assert sheet.seen.on_spark_loss(48.0, sheet.depth_um, 2.0, "3.0 s and 12 µm without a discharge")
+    depth = Value(sheet.depth_um, 2.0)
+    assert sheet.seen.on_spark_loss(48.0, depth, "3.0 s and 12 µm without a discharge")
     assert sheet.seen.at_um == 48.0
     assert "without a discharge" in sheet.seen.message
 
@@ -270,7 +278,7 @@ def test_where_the_feed_has_no_room_to_rise_the_end_of_all_sparks_tells() -> Non
 def test_sparks_that_end_far_from_the_back_are_lost() -> None:
     sheet = Sheet(2.0)
     sheet.cut(60.0)
-    assert not sheet.seen.on_spark_loss(18.0, sheet.depth_um, 2.0, "")
+    assert not sheet.seen.on_spark_loss(18.0, Value(sheet.depth_um, 2.0), "")
     assert math.isnan(sheet.seen.at_um)
 
 
@@ -309,7 +317,7 @@ def test_coming_back_from_a_jump_is_no_breakthrough() -> None:
     sheet = Sheet()
     sheet.cut(180.0)
     for _ in range(10):
-        sheet.seen.update(SLICE_S, sheet.z_um - 60.0, sheet.depth_um, 0.0, 1.0, sparking=False)
+        sheet.seen.update(SLICE_S, sheet.z_um - 60.0, Value(sheet.depth_um, 0.0), 1.0, sparking=False)
         assert sheet.cut(0.5, feed_um_s=4.0, opens=0.9) is None
         assert sheet.cut(3.0) is None
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 import signal
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import edmctl
 from edmctl.errors import Interrupted
 from edmctl.jobs.job import Report
 from edmctl.record.journal import read_journal
-from edmctl.report.pulse_statistics import spark_energies
 from edmctl.results.progress import Progress
 from tests.tiers import tiers
 
@@ -27,8 +25,6 @@ JOB = {
 
 
 class StoppedIn:
-    """Asks for the end of the job some seconds after a regime has begun."""
-
     def __init__(self, regime: str, seconds: float) -> None:
         self.stop = edmctl.StopRequest()
         self._regime, self._seconds = regime, seconds
@@ -99,21 +95,3 @@ def test_the_next_regime_follows_however_little_is_measured(remeasure: object) -
     report.raise_for_error()
     assert abs(report.truths[0].depth_um - 14.0) <= 2.0
     assert abs(report.truths[0].depth_um - report.sites[0].depth_um) <= report.sites[0].depth_u95_um
-
-
-def test_what_was_reached_is_told_of_the_regime_and_energies_of_all_of_them(tmp_path: Path) -> None:
-    stopping = StoppedIn("fine", 5.0)
-    report = edmctl.connect("sim:", seed=6).machine(
-        "cu270",
-        overrides={**JOB, "log.pulses": "blocks"},
-        out=tmp_path,
-        observer=stopping,
-        stop=stopping.stop,
-    )
-    assert report.run_file is not None
-    with edmctl.open_run(report.run_file) as run:
-        energies = spark_energies(run, np.array([0.0, 1e6]))
-    assert energies is not None
-    mean_uj = 0.5 * (energies.edges_uj[:-1] + energies.edges_uj[1:]) @ energies.normal / energies.normal.sum()
-    assert mean_uj == pytest.approx(energies.sums_uj[0] / energies.normal.sum(), rel=0.05)
-    assert energies.edges_uj[-1] > 400.0

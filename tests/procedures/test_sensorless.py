@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from edmctl.errors import MachineFault, PreconditionError
+from edmctl.labels import Basis
 from edmctl.machine.interface import CutRequest, EventCode, MachineState, ScanLine
 from edmctl.procedures.displacement_estimate import SensorlessMachine
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
@@ -21,7 +22,6 @@ from .conftest import Done, Shop, calibrated, refused
 
 @pytest.fixture(scope="module")
 def blind() -> Done:
-    """Return a finished quick job without a sensor; tests only look at it."""
     shop = Shop(calibration=calibrated(), sensor=False)
     return Done(shop, shop.run_job())
 
@@ -56,6 +56,7 @@ def test_every_displacement_is_the_estimate_with_what_the_model_does_not_know(
     assert all(math.isnan(touch.displacement_um) for touch in seen.touches)
     pad = [touch.model_um for touch in seen.touches if touch.kind == "Z1"]
     assert min(pad) <= site.z1_um <= max(pad)
+    assert (site.depth_basis, site.wear_basis) == (Basis.MODEL, Basis.MODEL)
     assert site.depth_model_um == pytest.approx(site.depth_um)
     assert math.isnan(site.feed_model_error_max_um)
     assert blind.shop.bench.controller.seen.sensor_fitted == 0

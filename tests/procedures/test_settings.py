@@ -47,7 +47,7 @@ def test_every_setting_of_every_shipped_recipe_fits_the_wire() -> None:
             PARAMS[key].to_wire(value)
 
 
-def test_servo_and_generator_are_the_recipes() -> None:
+def test_servo_generator_and_log_are_the_recipes() -> None:
     settings = controller_settings(profile('servo.mode="pi"', "servo.kp=12.0"), Setup())
     assert (settings.servo_law, settings.kp_um_s) == (ServoLaw.PI, 12.0)
     assert gap_reference_v(profile("servo.reference=0.82")) == pytest.approx(0.82 * 12.0)
@@ -55,6 +55,8 @@ def test_servo_and_generator_are_the_recipes() -> None:
     assert pulses.on_time_us == pytest.approx(130.43, abs=0.01)
     assert pulses.on_time_us + pulses.off_time_us == pytest.approx(1e6 / 2300)
     assert pulses.mode is PulseMode.ISOFREQUENCY
+    for name, log in (("off", PulseLog.OFF), ("blocks", PulseLog.BLOCKS), ("full", PulseLog.FULL)):
+        assert telemetry_settings(profile(f'log.pulses="{name}"'), Setup()).pulse_log is log
 
 
 @pytest.mark.parametrize(
@@ -86,13 +88,6 @@ def test_no_sample_holds_more_pulses_than_its_counts_can() -> None:
     telemetry = telemetry_settings(recipe, Setup())
     assert 50_000 * telemetry.period_us * 1e-6 <= 250
     assert controller_settings(recipe, Setup()).block_pulses == 250
-
-
-@pytest.mark.parametrize(
-    ("name", "log"), [("off", PulseLog.OFF), ("blocks", PulseLog.BLOCKS), ("full", PulseLog.FULL)]
-)
-def test_the_recipe_says_which_pulses_are_logged(name: str, log: PulseLog) -> None:
-    assert telemetry_settings(profile(f'log.pulses="{name}"'), Setup()).pulse_log is log
 
 
 @pytest.mark.parametrize("hz", tiers(1.0, slow=(5.0, 20.0, 30.0)))

@@ -14,7 +14,6 @@ from tests.procedures.conftest import Shop
 
 @pytest.fixture(scope="module")
 def states() -> list[Progress]:
-    """Of a job of 10 µm with a jump every 2 s."""
     shop = Shop(("target.depth_um=10", "jump.mode='fixed'", "jump.period_s=2"))
     shop.run_job()
     return shop.told.states

@@ -8,22 +8,23 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
-from edmctl.procedures.channel.scan import PassPlan, PassResult
+from edmctl.procedures.job import Counts
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.touch.approach import ExpectedBottom, read_expected
+from edmctl.procedures.touch.approach import read_expected
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
-from edmctl.procedures.touch.spots import (
+from edmctl.procedures.touch.surfaces import (
     OFFSET_U_UM,
+    SurfacePlane,
     ToolLength,
     drift_between,
     pad_u_um,
     read_pad,
     refuse_grown_tool,
 )
-from edmctl.procedures.touch.surface_plane import SurfacePlane
-from edmctl.process.channel import ToolWear, Way, even_places
+from edmctl.process.channel import HeldTool, ToolWear, Way, even_places
 from edmctl.process.plane import Plane
 from edmctl.process.touches import TOUCH_PRIOR_DOF, DepthAndWear, Drift, against_sparks, is_short
 from edmctl.profile.places import Place
@@ -36,35 +37,71 @@ FLOOR_U_UM = 1.0  # standard uncertainty of the floor before it is touched: gap 
 TOUCH_LEAST_SD_UM = 0.1  # least standard deviation of touches: better agreement is by chance
 PAD_U_SHARE = 0.15  # standard uncertainty of the pad, as a share of the wear since its last touch
 UNEVEN_U_UM = 0.5  # standard uncertainty of the height of an evened floor from place to place [assumed]
+HELD_ENOUGH = 0.8  # a layer is cut if the tool was at its limit on this share of the path
 
-Touched = tuple[float, "Place", "SurfaceReading"]
-"""Length along the path, place and reading of one touch of the floor."""
+Touched = tuple[float, "Place", "SurfaceReading"]  # length along the path, place and reading
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PassPlan:
+    """One pass: its way and speed, where the tool is held, and the expected wearing energy per length.
+
+    `since_uj` is the wearing energy from the last touch of the pad to this pass, `rest_s` the machining time after
+    it, `wear_u_um` the standard uncertainty of the wear before it, without that by energy.
+    """
+
+    way: Way
+    speed_um_s: float
+    held: HeldTool
+    uj_per_um: float
+    since_uj: float
+    rest_s: float
+    number: int = 0
+    wear_u_um: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PassResult:
+    """Result of a pass; `fault` names the row of the faults that ended it early, `message` the reason.
+
+    `counts` are pulses by class (open, normal, arc, short), `wearing_uj` the energy that wore the tool. `limits_um`
+    is the limit at each point of the way, `used_uj` the wearing energy of the pass when the tool was there, shape
+    (n,).
+    """
+
+    limits_um: Array
+    used_uj: Array
+    time_s: float = 0.0
+    held_share: float = 0.0
+    gap_ratio_mean: float = math.nan
+    counts: Counts = (0, 0, 0, 0)
+    energy_j: float = 0.0
+    wearing_uj: float = 0.0
+    fault: str = ""
+    message: str = ""
+
+    @property
+    def held(self) -> bool:
+        """Whether the tool was at its limit on nearly all of the path."""
+        return not self.fault and self.held_share >= HELD_ENOUGH
+
+    @property
+    def open_share(self) -> float:
+        return self.counts[0] / max(1, sum(self.counts))
 
 
 @dataclass(slots=True, eq=False)
 class ChannelSurface:
-    """The untouched surface: the pad before the channel, and a plane through it and places of the path.
-
-    `doubt_u_um` is a standard uncertainty on top of the plane's, since something contradicted it.
-    """
+    """Pad before the channel, plane through it and places of the path, and an additional standard uncertainty."""
 
     z1: SurfaceReading
     plane: Plane
     doubt_u_um: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class ExtraUncertainty:
-    """Additional standard uncertainties of a resumed channel, µm; `step_u_um` is from place to place of the
-    floor.
-    """
-
-    pad_u_um: float = 0.0
-    floor_u_um: float = 0.0
-    step_u_um: float = 0.0
-
-
-NO_EXTRA = ExtraUncertainty()
+Extra = tuple[float, float, float]
+"""Additional standard uncertainties of a resumed channel, µm: pad, floor, and floor from place to place."""
+NO_EXTRA: Extra = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,15 +115,12 @@ class FloorReading:
 
     @property
     def depth_um(self) -> float:
-        """Mean depth."""
         return math.fsum(place.depth_um for place in self.places) / len(self.places)
 
     @property
     def sd_um(self) -> float:
-        """Standard deviation of the depths; 0 of a single one."""
-        return (
-            float(np.std([place.depth_um for place in self.places], ddof=1)) if len(self.places) > 1 else 0.0
-        )
+        depths_um = [place.depth_um for place in self.places]
+        return float(np.std(depths_um, ddof=1)) if len(depths_um) > 1 else 0.0
 
     def lengths(self, run: JobRun, surface: ChannelSurface, uneven_um: float = 0.0) -> DepthAndWear:
         """Return mean depth, wear and feed, of a floor that may be deeper by `uneven_um` between its places.
@@ -115,16 +149,9 @@ class FloorReading:
             math.fsum(z2.doubt_u_um for z2 in self.floor) / places,
             0.5 * (self.pad_before.doubt_u_um + self.pad.doubt_u_um),
         )
-        wear_um = self.pad.z_um - drift.um - z1.z_um
-        wear_u_um = math.hypot(
-            z1_u_um,
-            after_u_um,
-            sensor_u.length_u_um(wear_um),
-            drift.left_u_um,
-            meeting_u_um,
-            z1.doubt_u_um,
-            self.pad.doubt_u_um,
-        )
+        wear_um, doubts = self.pad.z_um - drift.um - z1.z_um, (z1.doubt_u_um, self.pad.doubt_u_um)
+        length_u_um = sensor_u.length_u_um(wear_um)
+        wear_u_um = math.hypot(z1_u_um, after_u_um, length_u_um, drift.left_u_um, meeting_u_um, *doubts)
         return DepthAndWear(
             depth=Value(self.depth_um, depth_u_um, dof),
             wear=Value(wear_um, wear_u_um, dof),
@@ -140,7 +167,7 @@ def touch_untouched(run: JobRun, way: Way) -> ChannelSurface:
     """Touch the pad (Z1), then the surface at places of the path: its tilt would otherwise enter the floor."""
     expected_um = run.tally.home_um + run.profile.approach.offset_um
     z1 = read_pad(run, "Z1", run.profile.meta.name, expected_um, OFFSET_U_UM)
-    candidates = [_place(run, way, s_um) for s_um in even_places(way, FACE_CANDIDATES)]
+    candidates = [_place(way, s_um) for s_um in even_places(way, FACE_CANDIDATES)]
     surface = SurfacePlane(run)
     surface.fit_pad_slope(z1)
     surface.touch_plane(candidates, ToolLength(z1))
@@ -156,27 +183,36 @@ def measure_floor(
     wear: ToolWear,
     since_uj: float,
     places: int,
-    unknown: ExtraUncertainty = NO_EXTRA,
+    extra: Extra = NO_EXTRA,
 ) -> FloorReading:
     """Touch the pad, the floor at places along the path of the pass just done, and the pad again.
 
     `since_uj` is the wearing energy since the pad was touched last. Between the two readings of the pad its height
     is interpolated, because in these minutes the sensor drifts by as much as the floor may be uneven.
     """
-    wear_um = wear.um(since_uj)
-    pad_u_um = math.hypot(PAD_U_SHARE * wear.per_uj * since_uj, unknown.pad_u_um)
-    floor_u_um = math.hypot(FLOOR_U_UM, unknown.floor_u_um)
-    before = _touch_pad(run, surface, surface.z1.z_um + wear_um, pad_u_um, unknown)
+    z1, wear_um = surface.z1, wear.um(since_uj)
+
+    def touch_pad(predicted_um: float, u_um: float) -> SurfaceReading:
+        z3 = read_pad(run, "Z3", run.profile.meta.name, predicted_um, u_um)
+        if extra is NO_EXTRA:  # the tool of a resumed channel is compared together with the floor
+            refuse_grown_tool(run, z1.z_um, z3, z3.time_s - z1.time_s, z1.doubt_u_um)
+        return z3
+
+    extra_pad_u_um, extra_floor_u_um, step_u_um = extra
+    pad_u_um = math.hypot(PAD_U_SHARE * wear.per_uj * since_uj, extra_pad_u_um)
+    before = touch_pad(z1.z_um + wear_um, pad_u_um)
+    floor_u_um = math.hypot(FLOOR_U_UM, extra_floor_u_um)
     touched: list[Touched] = []
     for s_um in even_places(plan.way, places):
-        place = _place(run, plan.way, s_um)
+        place = _place(plan.way, s_um)
         height_um = plan.held.floor_um((place.x_um, place.y_um), 0.0) - plan.held.pad_um
-        predicted_um = before.z_um + height_um
         move_to(run, place)
-        touched.append((s_um, place, take_reading(run, "Z2", place.name, predicted_um, floor_u_um)))
-    if done.held or unknown is not NO_EXTRA:
-        touched = _short_ones_again(run, plan, done, wear, touched, unknown.step_u_um)
-    after = _touch_pad(run, surface, before.z_um, 0.0, unknown)
+        touched.append(
+            (s_um, place, take_reading(run, "Z2", place.name, before.z_um + height_um, floor_u_um))
+        )
+    if done.held or extra is not NO_EXTRA:
+        touched = _short_ones_again(run, plan, done, wear, touched, step_u_um)
+    after = touch_pad(before.z_um, 0.0)
     floor = []
     for s_um, place, z2 in touched:
         share = (z2.time_s - before.time_s) / (after.time_s - before.time_s)
@@ -195,10 +231,7 @@ def _short_ones_again(
     touched: Sequence[Touched],
     step_u_um: float,
 ) -> list[Touched]:
-    """Touch again where the floor is shorter than the other places and the held tool allow.
-
-    The tool was held alike everywhere, so it left the same gap apart from the unevenness of the floor.
-    """
+    """Touch again where the floor is shorter than the other places and the tool, held alike everywhere, allow."""
     ends_um = [_held_um(plan, done, wear, s_um) for s_um, _, _ in touched]
     gap_um = statistics.median(z2.z_um - end_um for (_, _, z2), end_um in zip(touched, ends_um, strict=True))
     u_um = math.hypot(UNEVEN_U_UM, step_u_um, wear.u_rel * wear.per_uj * done.wearing_uj)
@@ -216,29 +249,15 @@ def _short_ones_again(
         )
         run.recorder.append(RejectedTouch(z2.time_s))
         move_to(run, place)
-        expected = ExpectedBottom(end_um, gap_um, u_um, "the held tool and the other places")
-        found.append((s_um, place, read_expected(run, place.name, expected)))
+        source = "the held tool and the other places"
+        found.append((s_um, place, read_expected(run, place.name, end_um, gap_um, u_um, source)))
     return found
-
-
-def _touch_pad(
-    run: JobRun, surface: ChannelSurface, predicted_um: float, pad_u_um: float, unknown: ExtraUncertainty
-) -> SurfaceReading:
-    """Touch the pad (Z3). The tool of a resumed channel is compared together with the floor."""
-    z1 = surface.z1
-    z3 = read_pad(run, "Z3", run.profile.meta.name, predicted_um, pad_u_um)
-    if unknown is NO_EXTRA:
-        refuse_grown_tool(run, z1.z_um, z3, z3.time_s - z1.time_s, z1.doubt_u_um)
-    return z3
 
 
 def learned_gap_um(
     plan: PassPlan, done: PassResult, found: FloorReading, wear: ToolWear, believed_um: float
 ) -> float:
-    """Return the mean gap that a pass left between the held tool and the floor; `believed_um` if it is unknown.
-
-    A tool that was not held, and doubted touches, show no gap.
-    """
+    """Return the mean gap between held tool and floor; `believed_um` if not held, or if all touches are in doubt."""
     gaps_um = [
         z2.z_um - _held_um(plan, done, wear, place.s_um)
         for place, z2 in zip(found.places, found.floor, strict=True)
@@ -254,6 +273,5 @@ def _held_um(plan: PassPlan, done: PassResult, wear: ToolWear, s_um: float) -> f
     return held_um + wear.per_uj * (done.wearing_uj - used_uj)
 
 
-def _place(run: JobRun, way: Way, s_um: float) -> Place:
-    x_um, y_um = way.at(s_um)
-    return Place(f"{s_um:.0f} µm along the path", x_um, y_um)
+def _place(way: Way, s_um: float) -> Place:
+    return Place(f"{s_um:.0f} µm along the path", *way.at(s_um))

@@ -1,8 +1,7 @@
 """One cut: the controller runs the servo; the host watches, jumps, changes servo and pulses, and answers burns.
 
-After an arc that burned in one place the controller has switched the pulses off, retracted and latched its fault.
-The first burn of a cut costs no more than the way back; after the second the gap is kept wider and the pulses pause
-longer; then the cut is given up.
+After an arc that burned in one place the controller has switched the pulses off and retracted. The first burn of a
+cut costs the way back; after the second the gap is kept wider and the pulses pause longer; then the cut is given up.
 """
 
 from __future__ import annotations
@@ -26,16 +25,12 @@ from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.telemetry import pulse_shares
 
 STATUS_PERIOD_S = 5.0  # period of requests for the state of the dielectric; the controller itself guards it
-SPARKLESS_UM = 1.0
-"""A cut that ends further than this beyond its last discharge did not cut that way; good cuts end within 0.2 µm."""
+SPARKLESS_UM = 1.0  # a cut that ends further beyond its last discharge did not cut that way; usual: 0.2 µm
 JUMP_RESERVE_UM = 5.0  # displacement that a jump leaves, because the actuator cannot go below 0 V
 LEAST_JUMP_UM = 10.0
-FLUSHING_HEIGHTS = 2.0
-"""Least height of a jump, relative to the height that refills the gap beside the tool once."""
+FLUSHING_HEIGHTS = 2.0  # least height of a jump, relative to that which refills the gap beside the tool
 LEAST_S = 0.05  # a resumed cut gets at least this time, so that the controller itself ends it
-CLEARANCE_UM = 1.0
-"""A jump returns fast to this far above the last spark point, with a working gap of some µm still below it. From
-5 µm the servo took 0.3 s to find its gap again; the actuator comes back within 0.4 µm (decision 0021)."""
+CLEARANCE_UM = 1.0  # a jump returns fast to this far above the last spark; 5 µm lose 0.3 s (decision 0021)
 ARC_BURN, NO_SPARK = "E63002", "E63005"
 REST_S = 0.2
 REFERENCE_STEP = 0.05
@@ -75,7 +70,6 @@ class CutResult:
 
     @property
     def through(self) -> bool:
-        """Whether the sheet broke through."""
         return not math.isnan(self.breakthrough_um)
 
 
@@ -87,78 +81,139 @@ class Cut:
         self._duty = run.profile.pulse.duty
         self._start_s = run.machine.time_s
         self._supervisor = Supervisor(run, plan, self._start_s)
+        self._burns, self._last_burn_s = 0, -math.inf
 
     @property
-    def open_v(self) -> float:
+    def _open_v(self) -> float:
         """Mean gap voltage of an all-open gap with the duty in use, V."""
         return self._supervisor.adaptive.duty * self._run.profile.pulse.open_voltage_v
 
     @property
-    def reference_v(self) -> float:
+    def _reference_v(self) -> float:
         """Mean gap voltage that the servo is to keep, V."""
-        return self._supervisor.adaptive.reference * self.open_v
+        return self._supervisor.adaptive.reference * self._open_v
 
     def run(self) -> CutResult:
         """Machine to the plan's limit; the tool is then held with the pulses off."""
         run, plan, supervisor = self._run, self._plan, self._supervisor
+        gap_um, wear_ratio = plan.start.gap_um, plan.estimate.wear_ratio
+        args: Args = {
+            "cut": plan.number,
+            "feed_um": plan.feed_um,
+            "z_limit_um": plan.z_limit_um,
+            "gap_um": gap_um,
+            "wear_ratio": wear_ratio,
+        }
+        if not math.isnan(plan.target_um):
+            args = {**args, "target_um": plan.target_um}
         run.decide(
             RunEvent.CUT_PLANNED,
             f"Cut {plan.number}: feed {plan.feed_um:.1f} µm to {plan.z_limit_um:.1f} µm, expecting a gap of "
-            f"{plan.start.gap_um:.2f} µm and {plan.wear_ratio:.3f} µm wear per µm depth.",
-            {
-                "cut": plan.number,
-                "feed_um": plan.feed_um,
-                "z_limit_um": plan.z_limit_um,
-                "gap_um": plan.start.gap_um,
-                "wear_ratio": plan.wear_ratio,
-                **({} if math.isnan(plan.target_um) else {"target_um": plan.target_um}),
-            },
+            f"{gap_um:.2f} µm and {wear_ratio:.3f} µm wear per µm depth.",
+            args,
         )
-        burns = ArcRecovery(run, plan, supervisor, self)
         run.watch.follow(supervisor.on_telemetry)
         try:
-            self.start()
-            ended = self._watch(burns)
+            self._start()
+            ended = self._watch()
             self._set_duty(run.profile.pulse.duty)
         finally:
             run.watch.follow(None)
         result = self._result(ended)
-        self._report(result)
+        shares = pulse_shares(*result.counts)
+        run.decide(
+            RunEvent.CUT_ENDED,
+            f"Cut {plan.number} ended after {result.time_s:.1f} s at {result.end_displacement_um:.1f} µm "
+            f"({result.reason}); {100 * shares.normal:.0f} % normal, {100 * shares.arc:.1f} % arcs, "
+            f"{100 * shares.short:.1f} % shorts.",
+            {
+                "cut": plan.number,
+                "time_s": result.time_s,
+                "z_um": result.end_displacement_um,
+                "pulses": sum(result.counts),
+                "jumps": supervisor.jumps,
+            },
+            level=EventLevel.INFO if result.end is CutEnd.REACHED else EventLevel.WARNING,
+        )
         return result
 
-    def start(self) -> None:
+    def _start(self) -> None:
         """Start the servo, with the reference and the pulses in use."""
-        run = self._run
-        self.set_generator()
-        self._supervisor.reference_v, self._supervisor.duty_v = self.reference_v, self.open_v
-        left_s = max(LEAST_S, self._start_s + self._time_left.seconds - run.machine.time_s)
-        run.machine.start_cut(CutRequest(self.reference_v, self._plan.z_limit_um, left_s))
+        machine, supervisor = self._run.machine, self._supervisor
+        self._set_duty(supervisor.adaptive.duty)
+        supervisor.reference_v, supervisor.duty_v = self._reference_v, self._open_v
+        left_s = max(LEAST_S, self._start_s + self._time_left.seconds - machine.time_s)
+        machine.start_cut(CutRequest(self._reference_v, self._plan.z_limit_um, left_s))
 
-    def set_generator(self) -> None:
-        """Set the duty in use."""
-        self._set_duty(self._supervisor.adaptive.duty)
-
-    def report_changes(self) -> bool:
+    def _report_changes(self) -> bool:
         """Record the changes of the adaptive control; return whether the cut has to be restarted for them."""
         run, changes = self._run, self._supervisor.adaptive.changes
-        restart = False
         for change in changes:
             if change.code is RunEvent.JUMP_PERIOD:
                 run.note(change.code, change.message, change.args, EventLevel.DEBUG)
             else:
                 run.decide(change.code, change.message, change.args)
-                restart = True
+        is_restart = any(change.code is not RunEvent.JUMP_PERIOD for change in changes)
         changes.clear()
-        return restart
+        return is_restart
 
-    def _watch(self, burns: ArcRecovery) -> MachineEvent:
+    def _watch(self) -> MachineEvent:
         while True:
             try:
                 return self._watch_sparks()
             except MachineFault as fault:
                 if fault.code == NO_SPARK:
-                    raise _with_a_check(fault, self._supervisor.displacement_um) from fault
-                burns.answer(fault)
+                    fault.hint += (
+                        " Check with `edmctl approach --contact`: contact near "
+                        f"{self._supervisor.displacement_um:.0f} µm means that the tool is there and no pulses "
+                        "reach it; no contact, that it is lost or broken."
+                    )
+                    raise
+                self.recover(fault)
+
+    def recover(self, fault: MachineFault) -> None:
+        """Continue the cut after a burn; raise any other fault, and one burn too many."""
+        while True:
+            if fault.code != ARC_BURN:
+                raise fault
+            spark_s = self._supervisor.sparking_s
+            self._burns += 1
+            is_soon = spark_s - self._last_burn_s < AGAIN_S
+            if self._burns >= MOST_BURNS or (self._burns > 2 and is_soon):
+                raise fault
+            self._last_burn_s = spark_s
+            try:
+                return self._come_back(fault.fault)
+            except MachineFault as again:
+                fault = again
+
+    def _come_back(self, code: int) -> None:
+        """Clear a burn, and approach again."""
+        run, supervisor, start = self._run, self._supervisor, self._plan.start
+        # Where the tool sparked, and how far from there the bottom may be now: by the drift since the last sample.
+        spark_um = supervisor.displacement_um
+        since_s = run.machine.time_s - supervisor.seen_s
+        unknown_um = UNKNOWN_SDS * start.drift_u_um_per_s * max(0.0, since_s)
+        if math.isnan(spark_um):
+            u_um = math.hypot(start.bottom_u_at(run.machine.time_s), start.gap_u_um)
+            spark_um, unknown_um = start.bottom_um - start.gap_um, UNKNOWN_SDS * u_um
+        run.warn(
+            RunEvent.ARC_BURN_RECOVERY,
+            f"Burn {self._burns} of this cut, at {spark_um:.1f} µm: the tool has retracted, rests and comes back.",
+            {"burn": self._burns, "displacement_um": spark_um},
+        )
+        run.machine.clear_fault(code)
+        run.machine.arm()
+        if self._burns > 1:
+            supervisor.adaptive.soften(REFERENCE_STEP, DUTY_SHARE, f"burn {self._burns} of this cut")
+            self._report_changes()
+        run.machine.rest(REST_S)
+        self._set_duty(supervisor.adaptive.duty)
+        lower_to(run, spark_um - ABOVE_BOTTOM_UM - unknown_um)
+        way_um = spark_um - run.watch.displacement_um + BEYOND_BOTTOM_UM + unknown_um
+        first_sparks_v = 0.5 * (self._open_v + self._reference_v)
+        run.machine.approach(approach_speed_um_s(run.profile), way_um, first_sparks_v)
+        self._start()
 
     def _watch_sparks(self) -> MachineEvent:
         run, supervisor = self._run, self._supervisor
@@ -180,53 +235,46 @@ class Cut:
                 return ended
             if supervisor.is_complete:
                 return run.machine.stop_cut()
-            if self.report_changes():
+            if self._report_changes():
                 ended = run.machine.stop_cut()
                 if ended.code is not EventCode.STOPPED:
                     return ended
-                self.start()
+                self._start()
             self._jump_if_due()
 
     def _jump_if_due(self) -> None:
-        run, supervisor = self._run, self._supervisor
+        """Jump as high as the hole needs and the displacement allows, if a jump is due."""
+        run, supervisor, adaptive = self._run, self._supervisor, self._supervisor.adaptive
+        profile, displacement_um = run.profile, supervisor.displacement_um
         due = supervisor.jump_due(run.machine.time_s)
         if due is None:
             return
         code, reason = due
-        height_um = self._jump_height_um(code)
+        height_um = 0.0
+        if not math.isnan(displacement_um):
+            height_um = profile.jump.height_um
+            if profile.jump.mode == "adaptive" or code is not RunEvent.JUMPED:
+                depth_um = self._plan.at(displacement_um).depth_um
+                least_um = least_jump_um(depth_um, profile.tool.diameter_um, profile.work.side_gap_um)
+                height_um = max(height_um, FLUSHING_HEIGHTS * least_um)
+            height_um = min(height_um, displacement_um - JUMP_RESERVE_UM)
         if height_um >= LEAST_JUMP_UM:
             run.machine.jump(jump_request(run, height_um))
             supervisor.jumps, supervisor.last_jump_s = supervisor.jumps + 1, run.machine.time_s
-            self._report_jump(code, reason, height_um)
+            message = f"Jump of {height_um:.0f} µm: {reason}."
+            if code is not RunEvent.JUMPED:
+                run.decide(code, message, {"height_um": height_um})
+            else:
+                args: Args = {
+                    "height_um": height_um,
+                    "period_s": adaptive.period_s,
+                    "arcs": round(adaptive.since_jump.arcs, 5),
+                    "shorts": round(adaptive.since_jump.shorts, 5),
+                    "asked": " and ".join(adaptive.asking),
+                    **{f"asking_{name}": round(share, 5) for name, share in adaptive.asking.items()},
+                }
+                run.note(code, message, args, EventLevel.DEBUG)
         supervisor.jumped(code, run.machine.time_s)
-
-    def _jump_height_um(self, code: RunEvent) -> float:
-        """Return as high a jump as the hole needs and the displacement allows."""
-        profile, displacement_um = self._run.profile, self._supervisor.displacement_um
-        if math.isnan(displacement_um):
-            return 0.0
-        height_um = profile.jump.height_um
-        if profile.jump.mode == "adaptive" or code is not RunEvent.JUMPED:
-            depth_um = self._plan.depth_at(displacement_um)
-            least_um = least_jump_um(depth_um, profile.tool.diameter_um, profile.work.side_gap_um)
-            height_um = max(height_um, FLUSHING_HEIGHTS * least_um)
-        return min(height_um, displacement_um - JUMP_RESERVE_UM)
-
-    def _report_jump(self, code: RunEvent, reason: str, height_um: float) -> None:
-        run, adaptive = self._run, self._supervisor.adaptive
-        message = f"Jump of {height_um:.0f} µm: {reason}."
-        if code is not RunEvent.JUMPED:
-            run.decide(code, message, {"height_um": height_um})
-            return
-        args: Args = {
-            "height_um": height_um,
-            "period_s": adaptive.period_s,
-            "arcs": round(adaptive.since_jump.arcs, 5),
-            "shorts": round(adaptive.since_jump.shorts, 5),
-            "asked": " and ".join(adaptive.asking),
-            **{f"asking_{name}": round(share, 5) for name, share in adaptive.asking.items()},
-        }
-        run.note(code, message, args, EventLevel.DEBUG)
 
     def _set_duty(self, duty: float) -> None:
         if duty == self._duty:
@@ -238,27 +286,29 @@ class Cut:
         self._duty = duty
 
     def _result(self, ended: MachineEvent) -> CutResult:
-        supervisor = self._supervisor
-        end = {EventCode.CUT_DONE: CutEnd.REACHED, EventCode.TIME_UP: CutEnd.TIME_UP}.get(
-            ended.code, CutEnd.GIVEN_UP
-        )
-        stop_reason, at_limit, reason = supervisor.stop_reason, end is CutEnd.REACHED, end.value
-        fault = message = ""
-        if stop_reason is not None:
+        supervisor, limit_um = self._supervisor, self._plan.z_limit_um
+        ends = {EventCode.CUT_DONE: CutEnd.REACHED, EventCode.TIME_UP: CutEnd.TIME_UP}
+        end = ends.get(ended.code, CutEnd.GIVEN_UP)
+        at_limit, reason, fault, message = end is CutEnd.REACHED, end.value, "", ""
+        if supervisor.stop_reason is not None:
             rows = {StopReason.STALLED: "STALL", StopReason.ENDED: "STROKE_END"}
-            reason, fault, message = stop_reason.value, rows.get(stop_reason, ""), supervisor.message
+            reason, message = supervisor.stop_reason.value, supervisor.message
+            fault = rows.get(supervisor.stop_reason, "")
         elif supervisor.is_complete:
             end, reason = CutEnd.REACHED, "through"
         if end is CutEnd.TIME_UP:
             fault, message = "TIMEOUT", self._time_left.limit
-        end_um = self._end_um(ended, at_limit=at_limit)
+        # At CUT_DONE the controller's low-passed sensor read the limit, unless the tool went without sparks.
+        end_um = limit_um if at_limit else ended.displacement_um
+        if not supervisor.is_through and end_um - supervisor.sparked_at_um > SPARKLESS_UM:
+            end_um = supervisor.sparked_at_um
         return CutResult(
             end=end,
             reason=reason,
             time_s=ended.time_s - self._start_s,
             end_displacement_um=end_um,
-            is_at_limit=at_limit and end_um == self._plan.z_limit_um,
-            counts=supervisor.total,
+            is_at_limit=at_limit and end_um == limit_um,
+            counts=supervisor.counts,
             gap_ratio_mean=supervisor.gap_ratio_mean,
             energy_j=supervisor.energy_j,
             fault=fault,
@@ -266,39 +316,13 @@ class Cut:
             breakthrough_um=supervisor.breakthrough.at_um,
         )
 
-    def _end_um(self, ended: MachineEvent, *, at_limit: bool) -> float:
-        """At CUT_DONE the controller's low-passed sensor read the limit, unless the tool went without sparks."""
-        end_um = self._plan.z_limit_um if at_limit else ended.displacement_um
-        sparked_um = self._supervisor.sparked_at_um
-        if not self._supervisor.is_through and end_um - sparked_um > SPARKLESS_UM:
-            return sparked_um
-        return end_um
-
-    def _report(self, result: CutResult) -> None:
-        ratios = pulse_shares(*result.counts)
-        self._run.decide(
-            RunEvent.CUT_ENDED,
-            f"Cut {self._plan.number} ended after {result.time_s:.1f} s at {result.end_displacement_um:.1f} µm "
-            f"({result.reason}); {100 * ratios.normal:.0f} % normal, {100 * ratios.arc:.1f} % arcs, "
-            f"{100 * ratios.short:.1f} % shorts.",
-            {
-                "cut": self._plan.number,
-                "time_s": result.time_s,
-                "z_um": result.end_displacement_um,
-                "pulses": sum(result.counts),
-                "jumps": self._supervisor.jumps,
-            },
-            level=EventLevel.INFO if result.end is CutEnd.REACHED else EventLevel.WARNING,
-        )
-
 
 def jump_request(run: JobRun, height_um: float, clearance_um: float = CLEARANCE_UM) -> JumpRequest:
     """Return a jump of `height_um` at the profile's speed that returns fast to `clearance_um`, 0 for all the way.
 
-    JUMP carries lengths, which the controller converts to volts by `gain_um_per_v`. After a turning point the
-    actuator moves far less per volt: 60 µm become 41. So the actuator model gives the voltages of the jump, and
-    voltage × mean gain is sent; without a model the mean gain alone counts. The speed is scaled alike, so that the
-    jump takes the time that the profile states.
+    The controller converts lengths to volts by `gain_um_per_v`, but after a turning point the actuator moves far
+    less per volt: 60 µm become 41. So the voltages by the actuator model × mean gain are sent. The speed is scaled
+    alike, so that the jump takes the time that the profile states.
     """
     jump, gain_um_per_v = run.profile.jump, run.setup.actuator.gain_um_per_v
     estimator = run.watch.estimator()
@@ -312,75 +336,3 @@ def jump_request(run: JobRun, height_um: float, clearance_um: float = CLEARANCE_
         dwell_s=jump.dwell_s,
         clearance_um=gain_um_per_v * volts.clearance_v if clearance_um else 0.0,
     )
-
-
-@dataclass(slots=True, eq=False)
-class ArcRecovery:
-    """The burns of one cut, and the answer to each."""
-
-    run: JobRun
-    plan: CutPlan
-    supervisor: Supervisor
-    cut: Cut
-    _number: int = 0
-    _last_s: float = -math.inf
-
-    def answer(self, fault: MachineFault) -> None:
-        """Continue the cut after a burn; raise any other fault, and one burn too many."""
-        while True:
-            if fault.code != ARC_BURN:
-                raise fault
-            spark_s = self.supervisor.sparking_s
-            self._number += 1
-            soon = spark_s - self._last_s < AGAIN_S
-            if self._number >= MOST_BURNS or (self._number > 2 and soon):
-                raise fault
-            self._last_s = spark_s
-            try:
-                self._go_on(fault.fault)
-            except MachineFault as again:
-                fault = again
-            else:
-                return
-
-    def _go_on(self, code: int) -> None:
-        run, supervisor = self.run, self.supervisor
-        spark_um, unknown_um = self._sparked_at(run.machine.time_s)
-        run.warn(
-            RunEvent.ARC_BURN_RECOVERY,
-            f"Burn {self._number} of this cut, at {spark_um:.1f} µm: the tool has retracted, rests and comes back.",
-            {"burn": self._number, "displacement_um": spark_um},
-        )
-        run.machine.clear_fault(code)
-        run.machine.arm()
-        if self._number > 1:
-            supervisor.adaptive.soften(REFERENCE_STEP, DUTY_SHARE, f"burn {self._number} of this cut")
-            self.cut.report_changes()
-        run.machine.rest(REST_S)
-        self.cut.set_generator()
-        lower_to(run, spark_um - ABOVE_BOTTOM_UM - unknown_um)
-        way_um = spark_um - run.watch.displacement_um + BEYOND_BOTTOM_UM + unknown_um
-        first_sparks_v = 0.5 * (self.cut.open_v + self.cut.reference_v)
-        run.machine.approach(approach_speed_um_s(run.profile), way_um, first_sparks_v)
-        self.cut.start()
-
-    def _sparked_at(self, now_s: float) -> tuple[float, float]:
-        """Return where the tool sparked, and how far from there the bottom may be now.
-
-        With samples of this cut that is the drift since the last one; without any it is as planned.
-        """
-        seen_um, plan = self.supervisor.displacement_um, self.plan
-        if math.isnan(seen_um):
-            u_um = math.hypot(plan.start.bottom_u_at(now_s), plan.start.gap_u_um)
-            return plan.start.bottom_um - plan.start.gap_um, UNKNOWN_SDS * u_um
-        since_s = max(0.0, now_s - self.supervisor.seen_s)
-        return seen_um, UNKNOWN_SDS * plan.start.drift_u_um_per_s * since_s
-
-
-def _with_a_check(fault: MachineFault, displacement_um: float) -> MachineFault:
-    """Return the fault of lost sparks with the way to distinguish a lost tool from missing pulses."""
-    hint = (
-        f"{fault.hint} `edmctl approach --contact` tells which it is: contact near {displacement_um:.0f} µm means "
-        "that the tool is there and no pulses reach it; no contact, that it is lost or broken."
-    )
-    return MachineFault(fault.message, hint=hint, code=fault.code, fault=fault.fault)

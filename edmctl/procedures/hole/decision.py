@@ -1,13 +1,12 @@
 """What follows a measurement cycle, and the verdicts of holes and channels.
 
-A depth whose value is outside the tolerance is missed. One inside, whose 95 % interval is wider than the tolerance,
-is not verified. Later touches correct earlier holes, so a hole is judged when nothing can correct it any more.
+A depth outside the tolerance is missed; one inside, whose 95 % interval is wider than the tolerance, is not
+verified. Later touches correct earlier holes, so a hole is judged when nothing can correct it any more.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 from edmctl.dataclasses import dataclass
@@ -29,17 +28,13 @@ from edmctl.results.job import ChannelResult, SiteResult
 from edmctl.wording import decimal, length, plural, signed
 
 MOST_RATIO = 5.0  # upper bound of wear.expected_ratio in a recipe
-LARGEST_FACTOR = 3.0
-"""Relative to the expected wear ratio; the other polarity wears the tool several times as fast."""
+LARGEST_FACTOR = 3.0  # times the expected wear ratio; the other polarity wears the tool several times as fast
 LEAST_EXPECTED = 0.02  # wear ratio that is assumed for recipes that expect less: every tool wears
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What follows, and the next cut, None at the end.
-
-    `missed` is why the objective was missed, empty if it was not; `code` the error code of that, `site` its hole.
-    """
+    """What follows, and the next cut; or why (`missed`) and by which `code` and `site` the objective was missed."""
 
     message: str
     plan: CutPlan | None = None
@@ -61,7 +56,6 @@ def missed_by_fault(row: str, message: str) -> Decision:
 
 
 def report_end(run: JobRun, decision: Decision, depth_um: float) -> None:
-    """Record a decision that ends a hole."""
     code = RunEvent.TARGET_MISSED if decision.missed else RunEvent.TARGET_REACHED
     level = EventLevel.WARNING if decision.missed else EventLevel.INFO
     run.decide(code, decision.message, {"depth_um": depth_um, "hint": decision.hint}, level=level)
@@ -91,19 +85,17 @@ def decide(
     remaining_um = target.depth_um - found.depth_um
     done = is_done(remaining_um, target.tolerance_um, found.depth_noise_um)
     if done or number >= cut_budget(profile) + broken_cuts:
-        return _final(profile, target, number, found)
+        off = signed(found.depth_um - target.depth_um)
+        depth = f"{decimal(found.depth_um)} µm, {off} µm from the target, after {plural(number, 'cut')}"
+        if verdict_of(target, found.depth_um, found.depth.u95, through=False) is not Verdict.MISSED:
+            return Decision(f"Depth {depth}.")
+        why = f"The depth is {depth}; target.tolerance_um is {target.tolerance_um:.1f} µm."
+        hint = remedy(profile, found.depth_um - target.depth_um, found.wear_ratio)
+        return Decision(f"Depth {depth}.", missed=why, hint=hint)
     plan = following_plan(profile, target, number + 1, start, estimate, touch_final=touch_final)
     after = "measured" if plan.measured else "known well enough not to be measured"
     message = f"{remaining_um:.2f} µm are left: next cut feeds {plan.feed_um:.2f} µm, then {after}."
     return Decision(message, plan)
-
-
-def out_of_time(target: HoleTarget, plan: CutPlan, limit: str) -> Decision:
-    """Return the end before a cut for which `limit` leaves no time."""
-    reached = target.reached(plan.start.depth_um, plan.start.depth_um + plan.start.wear_um)
-    return missed_by_fault(
-        "TIMEOUT", f" No time is left for cut {plan.number}: {limit}; the job ends at {reached}."
-    )
 
 
 def unfinished(target: HoleTarget, cut: CutResult, depth_um: float, feed_um: float) -> Decision:
@@ -113,19 +105,6 @@ def unfinished(target: HoleTarget, cut: CutResult, depth_um: float, feed_um: flo
         return missed_by_fault(cut.fault, f" The cut ended early ({cut.message}) at {reached}.")
     hint = "Flush better (shorter jump.period_s, greater jump.height_um), or raise servo.reference."
     return missed(f"The cut ended early ({cut.reason}) at {reached}.", hint)
-
-
-def _final(profile: Profile, target: HoleTarget, number: int, found: DepthAndWear) -> Decision:
-    off_um = found.depth_um - target.depth_um
-    cuts = plural(number, "cut")
-    message = f"Depth {decimal(found.depth_um)} µm, {signed(off_um)} µm from the target, after {cuts}."
-    if verdict_of(target, found.depth_um, found.depth.u95, through=False) is not Verdict.MISSED:
-        return Decision(message)
-    why = (
-        f"The depth is {decimal(found.depth_um)} µm after {cuts}, {signed(off_um)} µm from the target; "
-        f"target.tolerance_um is {target.tolerance_um:.1f} µm."
-    )
-    return Decision(message, missed=why, hint=remedy(profile, off_um, found.wear_ratio))
 
 
 def remedy(profile: Profile, off_um: float, wear_ratio: float = math.nan) -> str:
@@ -139,10 +118,7 @@ def remedy(profile: Profile, off_um: float, wear_ratio: float = math.nan) -> str
 
 
 def refuse_wrong_setup(run: JobRun, found: DepthAndWear) -> None:
-    """Raise MachineFault E67005 if the first cut wore the tool far too fast, or left no hole.
-
-    Only what exceeds the uncertainty of the measurement counts.
-    """
+    """Raise MachineFault E67005 if the first cut wore the tool far too fast, or left no hole, beyond uncertainty."""
     expected = max(run.profile.wear.expected_ratio, LEAST_EXPECTED)
     least_wear_um, most_depth_um = found.wear.interval()[0], found.depth.interval()[1]
     if most_depth_um >= 0.0 and least_wear_um <= LARGEST_FACTOR * expected * most_depth_um:
@@ -208,7 +184,6 @@ def record_left(run: JobRun) -> None:
 
 
 def judged(job: Job, result: SiteResult) -> SiteResult:
-    """Return the result of a hole with its verdict."""
     verdict = verdict_of(
         _target(job, result.name), result.depth_um, result.depth_u95_um, through=result.through
     )
@@ -216,30 +191,33 @@ def judged(job: Job, result: SiteResult) -> SiteResult:
 
 
 def judge_holes(run: JobRun, last: Decision | None) -> Decision | None:
-    """Return the end of a job of holes, from their verdicts; None if all are within their tolerance.
-
-    `last` is the decision that ended the job early; other holes that are not right are appended to its message.
-    """
-    reported = "" if last is None else last.site
-    doubtful = [
+    """Return the end of a job of holes by their verdicts, or after `last`; None if all are right."""
+    last_name = "" if last is None else last.site
+    wrong = [
         site
         for site in run.tally.sites.values()
-        if site.verdict in (Verdict.MISSED, Verdict.NOT_SHOWN) and site.name != reported
+        if site.verdict in (Verdict.MISSED, Verdict.NOT_SHOWN) and site.name != last_name
     ]
-    if not doubtful:
+    if not wrong:
         return last
-    outside = [site for site in doubtful if site.verdict is Verdict.MISSED]
-    hint = _remedy(run.job, (outside or doubtful)[0])
-    for site in doubtful:
-        text = f"{site.name}: {_sentence(run.job, site)}."
+    by_weight = sorted(wrong, key=lambda site: site.verdict is not Verdict.MISSED)
+    hint = _remedy(run.job, by_weight[0])
+    for site in wrong:
         args: Args = {"verdict": str(site.verdict), "depth_um": site.depth_um}
-        if site is doubtful[-1] and last is None:
+        if site is wrong[-1] and last is None:
             args = {"hint": hint, **args}
-        run.warn(RunEvent.VERDICT, text, args)
-    message = _message(run.job, doubtful)
+        run.warn(RunEvent.VERDICT, f"{site.name}: {_sentence(run.job, site)}.", args)
+    if len(run.job.sites) == 1:
+        sentence = _sentence(run.job, wrong[0])
+        message = f"{sentence[0].upper()}{sentence[1:]}."
+    else:
+        sentences = [f"{site.name}: {_sentence(run.job, site)}" for site in by_weight[:MOST_NAMED]]
+        if len(wrong) > MOST_NAMED:
+            sentences.append(f"and {len(wrong) - MOST_NAMED} more")
+        message = f"{len(wrong)} of {len(run.job.sites)} holes are not right. {'; '.join(sentences)}."
     if last is not None:
         return replace(last, missed=f"{last.missed} {message}")
-    return missed(message, hint, *([] if outside else [NOT_SHOWN_CODE]))
+    return missed(message, hint, "E7010" if by_weight[0].verdict is Verdict.MISSED else NOT_SHOWN_CODE)
 
 
 def judged_channel(target: HoleTarget, result: ChannelResult) -> ChannelResult:
@@ -283,26 +261,3 @@ def _sentence(job: Job, site: SiteResult) -> str:
         f"the depth is outside the tolerance: {length(site.depth_um, site.depth_u95_um)} for "
         f"{target.depth_um:g} ± {target.tolerance_um:g} µm"
     )
-
-
-def _message(job: Job, doubtful: Sequence[SiteResult]) -> str:
-    if len(job.sites) == 1:
-        sentence = _sentence(job, doubtful[0])
-        return f"{sentence[0].upper()}{sentence[1:]}."
-    parts = []
-    for verdict, how in (
-        (Verdict.MISSED, "outside the tolerance"),
-        (Verdict.NOT_SHOWN, "not shown to be right"),
-    ):
-        some = [site for site in doubtful if site.verdict is verdict]
-        if some:
-            named = "; ".join(_numbers(job, site) for site in some[:MOST_NAMED])
-            more = f"; and {len(some) - MOST_NAMED} more" if len(some) > MOST_NAMED else ""
-            parts.append(f"{len(some)} of {len(job.sites)} holes {how}: {named}{more}.")
-    return " ".join(parts)
-
-
-def _numbers(job: Job, site: SiteResult) -> str:
-    target = _target(job, site.name)
-    tolerance = "" if target.kind == "through" else f" ± {target.tolerance_um:g}"
-    return f"{site.name} is {length(site.depth_um, site.depth_u95_um)} for {target.depth_um:g}{tolerance} µm"

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from edmctl.dataclasses import replace
 from edmctl.labels import Basis
 from edmctl.planning.measuring import FACE_LIMIT_UM
 from edmctl.procedures.hole.cut import CutResult
-from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of
-from edmctl.procedures.hole.hole_estimate import (
+from edmctl.procedures.hole.cut_planning import (
+    CutPlan,
+    CutStart,
+    energy_of,
     estimate_in_cut,
     estimate_left,
     expected_of_left,
@@ -22,8 +23,7 @@ from edmctl.procedures.hole.hole_estimate import (
 from edmctl.procedures.job import CutTotals, JobState, RegimeBegun, RunningCut
 from edmctl.procedures.run import MACHINING, MEASURING, JobRun
 from edmctl.procedures.touch.reading import SurfaceReading
-from edmctl.procedures.touch.spots import drift_between, pad_u_um
-from edmctl.procedures.touch.surface_plane import SurfacePlane
+from edmctl.procedures.touch.surfaces import SurfacePlane, drift_between, pad_u_um
 from edmctl.process.discharge import hole_area_um2, mrr_mm3_min, tool_area_um2
 from edmctl.process.live_erosion import ErosionEstimate
 from edmctl.process.shared_wear import SharedWear
@@ -38,15 +38,12 @@ NO_DEPTH = Value(math.nan, math.nan)  # depth of a hole through the sheet
 class Hole:
     """The hole under way.
 
-    Attributes
-    ----------
-    z1, z1_u_um : where the tool would have met the pad when the hole began; uncertainty if not touched right before
-    face_um, face_u_um : height of the workpiece surface here over the pad
-    total, broken_cuts : sums of its cuts with those of an earlier run; number of cuts that came to no end
-    bottom, pad : readings of the last of `stops` measurement cycles; derived from `z1` before the first one
-    touched, found : depth and wear as measured, and with the doubts about them; None before the first one
-    interrupted : an earlier run made discharges that are in no sum
-    begun : a cut was started; `plan` is the cut under way, `cut_estimate` the lengths at the end of the last one
+    `z1` is where the tool would have met the pad when the hole began, `z1_u_um` its uncertainty if not touched right
+    before; `face_um`, `face_u_um` the height of the surface over the pad. `total` are the sums of its cuts with
+    those of an earlier run, of which `broken_cuts` came to no end. `bottom` and `pad` are the readings of the last
+    of `stops` measurement cycles, derived from `z1` before the first one; `touched` and `found` depth and wear as
+    measured, and with the doubts about them. `interrupted`: an earlier run made discharges that are in no sum;
+    `begun`: a cut was started; `plan` is the cut under way, `cut_estimate` the lengths at the end of the last one.
     """
 
     def __init__(
@@ -78,16 +75,6 @@ class Hole:
         """Correction of the last pad reading to the frame of Z1."""
         return self.touched.drift_um if self.touched else 0.0
 
-    @property
-    def bottom_drift_um(self) -> float:
-        """The same for the bottom, which was touched before that pad."""
-        return self.touched.drift_to_bottom_um if self.touched else 0.0
-
-    @property
-    def surface_um(self) -> float:
-        """Displacement at which the tool would have met the untouched workpiece surface."""
-        return self.z1.z_um + self.face_um
-
     def locate_surface(self, surface: SurfacePlane) -> None:
         """Take the height of the workpiece surface at the hole from the plane."""
         self.face_um, self.face_u_um = surface.height_um(self.site), surface.height_u_um(self.site)
@@ -99,11 +86,6 @@ class Hole:
         self.broken_cuts = state.broken_cuts
         if self._run.profile.regimes:
             self.regime = RegimeBegun(state.regime_depth_um, state.regime_wear_um, self.total)
-
-    def begin_regime(self, estimate: ErosionEstimate, found: DepthAndWear) -> None:
-        """Begin the regime that the run now uses, from the depth and wear just found."""
-        self.target, self.estimate = self._run.target_at(self.site), estimate
-        self.regime = RegimeBegun(found.depth_um, found.wear_um, self.total, self.stops)
 
     def restart_from(self, pad: SurfaceReading, wear: SharedWear) -> None:
         """Count the hole from a new reading of the pad, which includes its own wear."""
@@ -178,14 +160,10 @@ class Hole:
         depth_basis: Basis | None = None,
         wear_basis: Basis | None = None,
     ) -> None:
-        """Put its result into the tally: as touched, or `fed_um` and `worn_um` further on.
-
-        Without another basis depth and wear are based on the touches; the wear is not if Z1 was not touched.
-        """
+        """Put its result into the tally: based on the touches, or `fed_um` and `worn_um` further on by estimate."""
         run, site, profile, total = self._run, self.site, self._run.profile, self.total
         z1, z2, z3, touch_basis = self.z1, self.bottom, self.pad, run.job.touch_basis
-        sparked_s = sum(time_s for time_s, _ in self._gap_ratios)
-        gap_ratio = sum(time_s * ratio for time_s, ratio in self._gap_ratios)
+        bottom_drift_um = self.touched.drift_to_bottom_um if self.touched else 0.0
         self.found = found
         run.tally.depth_um = math.nan if through else found.depth_um
         run.tally.unmeasured_site = ""
@@ -194,6 +172,12 @@ class Hole:
         length_um = thickness_um if through else found.depth_um
         hole_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
         ratio = found.wear_um / length_um if length_um > 0.0 else math.nan
+        sparked_s = sum(time_s for time_s, _ in self._gap_ratios)
+        gap_ratio = sum(time_s * ratio for time_s, ratio in self._gap_ratios)
+        pad_model_um = z3.model_um + worn_um - self.drift_um
+        depth_model_um = z2.model_um + fed_um - bottom_drift_um - pad_model_um - self.face_um
+        depth_u95_um, wear_u95_um = model_u95_um(run, found, z2.creep_um - z3.creep_um)
+        max_um, rms_um = run.watch.feed_error.figures_um()
         run.tally.sites[site.name] = SiteResult(
             name=site.name,
             x_um=site.x_um,
@@ -203,12 +187,20 @@ class Hole:
             beyond_exit_um=found.depth_um - thickness_um if through else math.nan,
             beyond_exit_u95_um=found.depth.u95 if through else math.nan,
             z1_um=z1.z_um,
-            z2_um=z2.z_um + fed_um - self.bottom_drift_um,
+            z2_um=z2.z_um + fed_um - bottom_drift_um,
             z3_um=z3.z_um + worn_um - self.drift_um,
             face_um=self.face_um,
             measuring_stops=self.stops,
             estimated_um=estimated_um,
-            **self._by_model(found, fed_um, worn_um, through=through),
+            depth_model_um=math.nan if through else depth_model_um,
+            depth_model_u95_um=math.nan if through else depth_u95_um,
+            wear_model_um=pad_model_um - z1.model_um,
+            wear_model_u95_um=wear_u95_um,
+            zero_drift_um=z3.zero_um - z1.zero_um,
+            feed_model_error_max_um=max_um,
+            feed_model_error_rms_um=rms_um,
+            feed_model_error_max_pct=100.0 * max_um / found.feed_um if found.feed_um > 0.0 else math.nan,
+            feed_model_error_rms_pct=100.0 * rms_um / found.feed_um if found.feed_um > 0.0 else math.nan,
             **total.columns(),
             cuts=total.number,
             gap_ratio_mean=gap_ratio / sparked_s if sparked_s else math.nan,
@@ -225,46 +217,19 @@ class Hole:
             drift_by_rests=found.drift_by_rests,
         )
 
-    def _by_model(
-        self, found: DepthAndWear, fed_um: float, worn_um: float, *, through: bool
-    ) -> dict[str, Any]:
-        """Return depth and wear by the actuator model, and its errors, by the names of the result's fields."""
-        z2, z3, error = self.bottom, self.pad, self._run.watch.feed_error
-        pad_um = z3.model_um + worn_um - self.drift_um
-        depth_um = z2.model_um + fed_um - self.bottom_drift_um - pad_um - self.face_um
-        depth_u95_um, wear_u95_um = model_u95_um(self._run, found, z2.creep_um - z3.creep_um)
-        return {
-            "depth_model_um": math.nan if through else depth_um,
-            "depth_model_u95_um": math.nan if through else depth_u95_um,
-            "wear_model_um": pad_um - self.z1.model_um,
-            "wear_model_u95_um": wear_u95_um,
-            "zero_drift_um": z3.zero_um - self.z1.zero_um,
-            "feed_model_error_max_um": error.max_um,
-            "feed_model_error_rms_um": error.rms_um,
-            "feed_model_error_max_pct": _percent(error.max_um, found.feed_um),
-            "feed_model_error_rms_pct": _percent(error.rms_um, found.feed_um),
-        }
-
     def correct(self, found: DepthAndWear, shorter_um: float, z3_um: float) -> None:
         """Replace its result after a later touch: the tool was `shorter_um` shorter when it began."""
         result = self._run.tally.sites[self.site.name]
-        self._run.tally.sites[self.site.name] = replace(
-            result,
-            **found.columns(),
-            z1_um=result.z1_um + shorter_um,
-            z2_um=z3_um + result.face_um + found.depth_um,
-            z3_um=z3_um,
-        )
-        self.found = found
+        z1_um, z2_um = result.z1_um + shorter_um, z3_um + result.face_um + found.depth_um
+        corrected = replace(result, **found.columns(), z1_um=z1_um, z2_um=z2_um, z3_um=z3_um)
+        self._run.tally.sites[self.site.name], self.found = corrected, found
 
     def start_cut(self, plan: CutPlan) -> None:
-        """Keep in the journal that sparks come next."""
         self.plan, self.cut_estimate, self.begun = plan, None, True
         self._run.tally.cut = RunningCut(displacement_um=plan.start.bottom_um - plan.start.gap_um)
         self._run.keeper.keep(MACHINING, self)
 
     def end_cut(self, cut: CutResult) -> None:
-        """Keep in the journal that the cut has ended."""
         assert self.plan is not None
         run, energy = self._run, energy_of(self._run.profile.pulse, cut)
         self.cut_estimate = estimate_in_cut(self.plan, cut.end_displacement_um, energy, run.keeper.time_s)
@@ -297,8 +262,8 @@ class Hole:
 
     def leave(self) -> None:
         """Report by estimate a hole that was cut and not measured, when the job ends early."""
-        run, tally = self._run, self._run.tally
-        if tally.unmeasured_site != self.site.name:
+        run, tally, name = self._run, self._run.tally, self.site.name
+        if tally.unmeasured_site != name:
             return
         known, resumed, unseen_um = self._estimate_at(run.keeper.time_s), run.job.resumed, 0.0
         if self.plan is not None:
@@ -312,21 +277,19 @@ class Hole:
         before_um = self.found.depth_um if self.found else 0.0
         if tally.cut.time_s > 0.0:
             self.total = self.total.plus(tally.cut)
-        pad_um = self.z1.z_um + left.wear_um
+        estimated = Basis.ESTIMATED
         self.report(
             left,
             math.nan,
-            fed_um=pad_um + self.face_um + left.depth_um - self.bottom.z_um + self.bottom_drift_um,
-            worn_um=pad_um - self.pad.z_um + self.drift_um,
             estimated_um=left.depth_um - before_um,
-            depth_basis=Basis.ESTIMATED,
-            wear_basis=Basis.ESTIMATED,
+            depth_basis=estimated,
+            wear_basis=estimated,
         )
         # Z2 and Z3 are unknown then, and the actuator model has no values of its own.
         by_model = ("depth_model_um", "depth_model_u95_um", "wear_model_um", "wear_model_u95_um")
         unknown = dict.fromkeys(("z2_um", "z3_um", *by_model), math.nan)
-        tally.sites[self.site.name] = replace(tally.sites[self.site.name], **unknown)  # type: ignore[arg-type]
-        tally.unmeasured_site = self.site.name
+        tally.sites[name] = replace(tally.sites[name], **unknown)  # type: ignore[arg-type]
+        tally.unmeasured_site = name
 
     def _estimate_at(self, now_s: float) -> DepthAndWear:
         run, cut = self._run, self._run.tally.cut
@@ -345,8 +308,8 @@ class Hole:
 def model_u95_um(run: JobRun, found: DepthAndWear, creep_um: float) -> tuple[float, float]:
     """Return half the 95 % intervals of depth and wear by the actuator model, NaN without a model.
 
-    The sensor sets its zero, so the uncertainty of the measured values is included. `creep_um` is the extrapolated
-    creep in the depth.
+    The sensor sets its zero, so the uncertainty of the measured values is included, and that of `creep_um` in the
+    depth.
     """
     tracker = run.watch.tracker()
     if tracker is None:
@@ -355,7 +318,3 @@ def model_u95_um(run: JobRun, found: DepthAndWear, creep_um: float) -> tuple[flo
         return found.depth.u95, found.wear.u95
     depth = found.depth.widened(tracker.length_u_um(creep_um))
     return depth.u95, found.wear.widened(tracker.length_u_um(0.0)).u95
-
-
-def _percent(part: float, whole: float) -> float:
-    return 100.0 * part / whole if whole > 0.0 else math.nan

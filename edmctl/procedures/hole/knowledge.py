@@ -1,8 +1,7 @@
 """What a job learns from hole to hole, and from first sparks that contradict a touch.
 
 The next touch of the pad measures all cuts since the last one at once, and corrects the results of their holes.
-First sparks measure the height of a surface as far as the working gap is known. If they contradict a touch before
-any gap was measured, touch and gap are both in doubt until the first measurement cycle has measured the gap.
+First sparks measure a surface as far as the working gap is known.
 """
 
 from __future__ import annotations
@@ -19,8 +18,7 @@ from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import pad_from_home_um
 from edmctl.procedures.touch.reading import SurfaceReading
-from edmctl.procedures.touch.spots import OFFSET_U_UM, ToolLength, drift_between, read_pad
-from edmctl.procedures.touch.surface_plane import SurfacePlane
+from edmctl.procedures.touch.surfaces import OFFSET_U_UM, SurfacePlane, ToolLength, drift_between, read_pad
 from edmctl.process.discharge import FIRST_GAP_U_UM, first_gap_u_um, first_sparks_um
 from edmctl.process.live_erosion import SCATTER_BETWEEN_HOLES, LiveErosion
 from edmctl.process.next_cut import CLEAR_SIGMAS, GAP_U_UM
@@ -32,17 +30,12 @@ from edmctl.quantity import Value, half_width
 from edmctl.record.rows import RunEvent
 from edmctl.wording import signed
 
-LEFT_U_UM = 4.0
-"""Standard uncertainty of the distance to the pad where an earlier run of the job has left the tool, with wear that
-it only estimated; without drift."""
+LEFT_U_UM = 4.0  # u of the distance to the pad after an earlier run that estimated the wear, without drift
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unmeasured:
-    """A cut that no touch followed: its hole, its expected share of the wear, and the state of the hole before it.
-
-    `depth_u_um` is the standard uncertainty of the depth of the hole without that of the tool's length.
-    """
+    """A cut that no touch followed; `depth_u_um` excludes the uncertainty of the tool's length."""
 
     hole: Hole
     share: WearShare
@@ -69,14 +62,9 @@ class Unmeasured:
 
 
 class JobKnowledge:
-    """Tool length, workpiece surface, removal and wear, and working gap, as a job knows them so far.
-
-    Attributes
-    ----------
-    estimate, surface, gap : removal and wear; plane of the workpiece surface; working gap to expect, µm
-    tool : length of the tool, None before it has touched the pad
-    pads : all readings of the pad in this run
-    unmeasured : cuts since the pad was last touched
+    """What a job knows so far: removal and wear (`estimate`), plane of the workpiece surface, working gap to expect
+    (µm), length of the tool (None before it has touched the pad), readings of the pad, and cuts since the last of
+    them.
     """
 
     def __init__(self, run: JobRun) -> None:
@@ -114,7 +102,7 @@ class JobKnowledge:
         sensor_u, tool = self._run.uncertainty, self.tool
         length_um = hole.target.feed_um if hole.target.kind == "feed" else hole.target.depth_um
         return CutStart(
-            bottom_um=hole.surface_um,
+            bottom_um=hole.z1.z_um + hole.face_um,
             bottom_u_um=math.hypot(tool.u_um(tool.pad.time_s, 0.0), hole.face_u_um),
             gap_um=self.gap.value,
             time_s=tool.pad.time_s,
@@ -124,49 +112,47 @@ class JobKnowledge:
         )
 
     def add_unmeasured(self, hole: Hole, plan: CutPlan, cut: CutResult, live: LiveErosion) -> None:
-        """Take the expected wear of a cut that is not measured."""
-        assert self.tool is not None
+        """Take the expected wear of a cut that is not measured; the errors of such cuts have the same sign."""
+        tool = self.tool
+        assert tool is not None
         self.unmeasured.append(self._unmeasured(hole, plan, cut, live))
-        self.tool = self.tool.worn(live.wear_um - plan.start.wear_um, live.wear_u_um)
+        wear_um = tool.wear_um + (live.wear_um - plan.start.wear_um)
+        self.tool = ToolLength(tool.pad, wear_um, tool.wear_u_um + live.wear_u_um)
 
     def share_wear(
         self, hole: Hole, pad: SurfaceReading, plan: CutPlan, cut: CutResult, live: LiveErosion
     ) -> SharedWear:
         """Correct all cuts since the last touch of the pad by a new one after `cut`; return the wear of `hole`.
 
-        `live` is what was expected of `hole` after `cut`; from here on the hole counts from the new reading. The
-        results of the other holes stay estimates.
+        `live` is the expected wear of `hole` after `cut`; from here on it counts from the new reading.
         """
         assert self.tool is not None
         run, before, sensor_u = self._run, self.tool.pad, self._run.uncertainty
         cuts = [*self.unmeasured, self._unmeasured(hole, plan, cut, live)]
         seconds, drift = pad.time_s - before.time_s, drift_between(run, before, pad)
-        found = share_wear(
-            [one.share for one in cuts],
+        # The sensor's gain is left out: its error in a depth or wear is counted with that length.
+        walk_u_um = sensor_u.walk_um_per_sqrt_s * math.sqrt(seconds)
+        shared = share_wear(
+            [unmeasured.share for unmeasured in cuts],
             pad.z_um - before.z_um - (drift.um if drift else 0.0),
             seconds,
-            # The sensor's gain is left out: its error in a depth or wear is counted with that length.
-            touch_u_um=math.hypot(
-                TOUCH_U_UM * math.sqrt(2.0), sensor_u.walk_um_per_sqrt_s * math.sqrt(seconds)
-            ),
+            touch_u_um=math.hypot(TOUCH_U_UM * math.sqrt(2.0), walk_u_um),
             drift_u_um_per_s=drift.left_u_um / seconds if drift else sensor_u.drift_u_um_per_s,
         )
         shorter_um = 0.0
-        for earlier, now in zip(self.unmeasured, found, strict=False):
-            shorter_um += earlier.correct(run, shorter_um, now)
-        hole.restart_from(pad, found[-1])
+        for earlier, wear in zip(self.unmeasured, shared, strict=False):
+            shorter_um += earlier.correct(run, shorter_um, wear)
+        hole.restart_from(pad, shared[-1])
         self.unmeasured.clear()
-        return found[-1]
+        return shared[-1]
 
     def _unmeasured(self, hole: Hole, plan: CutPlan, cut: CutResult, live: LiveErosion) -> Unmeasured:
-        """The ratio of wear to depth errs alike in all cuts of a job.
-
-        Working gap and scatter do not, nor does wear that the energy of this cut contradicts.
-        """
+        """The ratio of wear to depth errs alike in all cuts of a job; gap, scatter and energy do not."""
         assert self.tool is not None
         run, start = self._run, plan.start
         added_um = live.wear_um - start.wear_um
-        off_um = plan.off_by_energy_um(cut.end_displacement_um, energy_of(run.profile.pulse, cut))
+        energy = energy_of(run.profile.pulse, cut)
+        off_um = plan.estimate.off_by_energy_um(plan.fed_um(cut.end_displacement_um), start.gap_u_um, energy)
         own_u_um = math.hypot(SCATTER_BETWEEN_HOLES * added_um, live.wear_own_u_um, off_um)
         after_s = run.machine.time_s - self.tool.pad.time_s
         face_u_um = hole.face_u_um if hole.stops == 0 else 0.0
@@ -225,30 +211,27 @@ class FirstSparkCheck:
 
         A bottom that contradicts the sparks is less certain by as much, and the cut is measured; so is a gap that
         was never measured. Late sparks show a narrower gap or a lower surface: in both cases the cut counts from
-        them. If the bottom is the untouched surface, no later touch of the hole measures it: the doubt remains until
-        `judge_again` finds that it was the gap. Debris that is known to lie there sparks first.
+        them. A doubt about the untouched surface remains until `judge_again` finds that it was the gap. Known debris
+        there sparks first.
         """
-        run, hole, surface, start = self._run, self._hole, self._knowledge.surface, plan.start
+        hole, surface, start = self._hole, self._knowledge.surface, plan.start
         bottom, debris_um = Value(start.bottom_um, bottom_u_um), self.debris_um
         gap = Value(start.gap_um, start.gap_u_um)
         off = self._off(spark_um, bottom, debris_um, gap)
         if abs(off.sigmas) <= FIRST_SPARKS_SIGMAS:
             return plan
         is_gap_measured = gap.u < FIRST_GAP_U_UM
-        why = "one of its touches was wrong"
-        if not is_gap_measured:
-            why += f", or the working gap is not the {gap.value:.1f} µm believed"
-        run.warn(
+        or_gap = "" if is_gap_measured else f", or the working gap is not the expected {gap.value:.1f} µm"
+        self._run.warn(
             RunEvent.TOUCH_DOUBTED,
             f"Sparks began at {spark_um:.1f} µm, {signed(off.um, 1)} µm from where a surface at "
-            f"{start.bottom_um:.1f} µm puts them: {why}. The cut will be measured.",
+            f"{start.bottom_um:.1f} µm puts them: one of its touches was wrong{or_gap}. The cut will be measured.",
             {"kind": "first sparks", "off_um": off.um, "z_um": start.bottom_um},
         )
         doubt_u_um = math.hypot(share_u(off.um), off.u_um)
         if hole.stops == 0:
-            self._doubt = _Doubt(
-                spark_um, bottom, debris_um, gap, hole.face_u_um, tuple(surface.touched), surface.doubt_u_um
-            )
+            touched, surface_u_um = tuple(surface.touched), surface.doubt_u_um
+            self._doubt = _Doubt(spark_um, bottom, debris_um, gap, hole.face_u_um, touched, surface_u_um)
             hole.face_u_um = math.hypot(hole.face_u_um, doubt_u_um)
             surface.doubt(doubt_u_um)
             surface.keep()
@@ -267,18 +250,17 @@ class FirstSparkCheck:
         doubt, self._doubt = self._doubt, None
         if doubt is None:
             return
-        surface = self._knowledge.surface
+        surface, before_um = self._knowledge.surface, doubt.gap.value
         off = self._off(doubt.z_um, doubt.bottom, doubt.debris_um, Value(gap_um, GAP_U_UM))
-        is_another = abs(gap_um - doubt.gap.value) > CLEAR_SIGMAS * doubt.gap.u
-        if not is_another or abs(off.sigmas) > FIRST_SPARKS_SIGMAS:
+        is_other_gap = abs(gap_um - before_um) > CLEAR_SIGMAS * doubt.gap.u
+        if not is_other_gap or abs(off.sigmas) > FIRST_SPARKS_SIGMAS:
             return
         self._hole.face_u_um = doubt.face_u_um
         surface.restore(doubt.touched, doubt.doubt_u_um)
         surface.keep()
         self._run.decide(
             RunEvent.DOUBT_WITHDRAWN,
-            f"The working gap is {gap_um:.2f} µm, not the {doubt.gap.value:.2f} µm believed, and with it the first "
-            f"sparks are {signed(off.um, 1)} ± {half_width(off.u_um):.1f} µm from where the touched surface puts "
-            "them: no touch of it was wrong.",
-            {"gap_um": gap_um, "believed_um": doubt.gap.value, "off_um": off.um},
+            f"The working gap is {gap_um:.2f} µm, not {before_um:.2f} µm as assumed. Then the first sparks are "
+            f"{signed(off.um, 1)} ± {half_width(off.u_um):.1f} µm from the touched surface: no touch was wrong.",
+            {"gap_um": gap_um, "believed_um": before_um, "off_um": off.um},
         )

@@ -16,26 +16,21 @@ from edmctl.procedures.hole.decision import (
     close_site,
     decide,
     missed,
-    out_of_time,
+    missed_by_fault,
     refuse_wrong_setup,
     report_end,
     unfinished,
 )
 from edmctl.procedures.hole.hole import Hole
 from edmctl.procedures.hole.knowledge import FirstSparkCheck, JobKnowledge, first_gap
+from edmctl.procedures.job import RegimeBegun
 from edmctl.procedures.run import Args, JobRun
 from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.settings import pulse_settings
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.touch.approach import (
-    CLEAR_OF_BOTTOM_UM,
-    ExpectedBottom,
-    approach_bottom,
-    raise_by,
-    read_expected,
-)
+from edmctl.procedures.touch.approach import CLEAR_OF_BOTTOM_UM, approach_bottom, raise_by, read_expected
 from edmctl.procedures.touch.reading import NO_CONTACT, SurfaceReading, search_near, take_reading_in
-from edmctl.procedures.touch.spots import ToolLength, read_pad, refuse_grown_tool, rest_before_pad
+from edmctl.procedures.touch.surfaces import ToolLength, read_pad, refuse_grown_tool, rest_before_pad
 from edmctl.process.live_erosion import CONTRADICTION_SDS, LEAST_RATIO, Energy, ErosionEstimate
 from edmctl.process.next_cut import GAP_U_UM
 from edmctl.process.shared_wear import SharedWear
@@ -46,28 +41,19 @@ from edmctl.record.rows import RunEvent
 from edmctl.wording import decimal, length, signed
 
 PAD_U_UM = 0.5  # standard uncertainty of the pad's place besides the wear: drift and touch scatter
-GAP_SETTLES_S = 1.0
-"""A shorter cut teaches no working gap: its first sparks come 1 µm earlier, and the servo follows."""
-UNFINISHED_GAP_U_UM = 3.0
-"""Standard uncertainty of the gap if a cut did not end at its limit: the servo swings, and shorts draw back
-[assumed]."""
+GAP_SETTLES_S = 1.0  # a shorter cut shows no working gap: its first sparks come 1 µm earlier
+UNFINISHED_GAP_U_UM = 3.0  # u of the gap of a cut that did not reach its limit: the servo swings [assumed]
 
 
 class HoleProcedure:
-    """Machines one hole: cuts it, measures it, and decides what follows.
-
-    The tally of the run has the result of the hole after every cut. `knowledge` is shared by the holes of a job.
-    """
+    """Machines one hole: cuts, measures and decides. `knowledge` is shared by the holes of a job."""
 
     def __init__(self, run: JobRun, hole: Hole, knowledge: JobKnowledge, limits: TimeLimits) -> None:
         self._run, self._hole, self._knowledge, self._limits = run, hole, knowledge, limits
         self._sparks = FirstSparkCheck(run, hole, knowledge)
 
     def machine(self, *, is_last: bool = True) -> Decision:
-        """Machine the hole from its untouched surface, and return the last decision.
-
-        The last hole of a job is measured even if others before it were not, because it also measures them.
-        """
+        """Machine the hole from its untouched surface; the last hole of a job also measures those before it."""
         run, hole = self._run, self._hole
         start = self._knowledge.first_start(hole)
         plan = first_plan(run.profile, start, hole.target, hole.estimate, run.machine.time_s)
@@ -82,7 +68,6 @@ class HoleProcedure:
         return decision
 
     def _cut(self, plan: CutPlan) -> Decision:
-        """Make one planned cut, unless the time is up before the approach, which sparks, or after it."""
         run, hole = self._run, self._hole
         if self._limits.left().seconds <= 0.0:
             return self._no_time(plan)
@@ -92,27 +77,34 @@ class HoleProcedure:
         sparks = approach_bottom(run, plan.start.bottom_um, reach_u_um)
         plan = self._sparks.checked(plan, sparks.displacement_um, bottom_u_um)
         left = self._limits.left()
-        if left.seconds <= 0.0:
+        if left.seconds <= 0.0:  # the approach sparks too
             return self._no_time(plan)
         machined_before_s = run.tally.machining_time_s
         run.tally.unmeasured_site = hole.site.name
         hole.start_cut(plan)
         cut = Cut(run, plan, left).run()
         hole.end_cut(cut)
+        end_um = cut.end_displacement_um
         run.tally.machining_time_s = machined_before_s + cut.time_s
-        run.tally.depth_um = math.nan if cut.through else plan.depth_at(cut.end_displacement_um)
+        run.tally.depth_um = math.nan if cut.through else plan.at(end_um).depth_um
         if hole.target.kind == "through":
             return self._end_through(plan, cut)
-        is_early = cut.end is not CutEnd.REACHED or cut.end_displacement_um < plan.z_limit_um
+        is_early = cut.end is not CutEnd.REACHED or end_um < plan.z_limit_um
         # The feed may not explain the energy either.
-        is_surprising = is_early or plan.contradicts(cut.end_displacement_um, self._energy(cut))
-        if plan.measured or run.regime_follows or is_surprising:
+        energy = self._energy(cut)
+        is_surprising = plan.estimate.contradicts(plan.fed_um(end_um), plan.start.gap_u_um, energy)
+        # Another regime begins from a measured bottom.
+        regime_follows = run.regime + 1 < len(run.job.profile.regimes)
+        if plan.measured or regime_follows or is_early or is_surprising:
             return self._measure(plan, cut)
         return self._estimate(plan, cut)
 
     def _no_time(self, plan: CutPlan) -> Decision:
-        decision = out_of_time(self._hole.target, plan, self._limits.left().limit)
-        args: Args = {"cut": plan.number, "depth_um": plan.start.depth_um, "hint": decision.hint}
+        start, limit = plan.start, self._limits.left().limit
+        reached = self._hole.target.reached(start.depth_um, start.depth_um + start.wear_um)
+        message = f" No time is left for cut {plan.number}: {limit}; the job ends at {reached}."
+        decision = missed_by_fault("TIMEOUT", message)
+        args: Args = {"cut": plan.number, "depth_um": start.depth_um, "hint": decision.hint}
         self._run.warn(RunEvent.TARGET_MISSED, decision.message, args)
         return decision
 
@@ -125,8 +117,8 @@ class HoleProcedure:
         unfinished_u_um = 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM
         gap = Value(plan.start.gap_um, plan.start.gap_u_um)
         gap_u_um = math.hypot(gap.u, unfinished_u_um)
-        expected = ExpectedBottom(cut.end_displacement_um, gap.value, gap_u_um, "the last sparks")
-        z2 = read_expected(self._run, hole.site.name, expected)
+        end_um, source = cut.end_displacement_um, "the last sparks"
+        z2 = read_expected(self._run, hole.site.name, end_um, gap.value, gap_u_um, source)
         z3 = self._read_pad(plan, cut)
         if cut.time_s >= GAP_SETTLES_S:
             gap = Value(z2.z_um - cut.end_displacement_um, math.hypot(GAP_U_UM, unfinished_u_um))
@@ -158,10 +150,7 @@ class HoleProcedure:
     def _learn(
         self, z2: SurfaceReading, z3: SurfaceReading, gap: Value, shared: SharedWear | None = None
     ) -> DepthAndWear:
-        """Take the readings of a measurement cycle; return depth and wear with the doubts about them.
-
-        `gap` is the working gap to expect from now on, `shared` the wear if the touch measured several holes.
-        """
+        """Take the readings of a measurement cycle; return the lengths. `shared` is the wear of several holes."""
         hole, knowledge = self._hole, self._knowledge
         touched = hole.measured(z2, z3)
         if shared is None:
@@ -200,42 +189,39 @@ class HoleProcedure:
         )
         if abs(off.sigmas) <= CONTRADICTION_SDS:
             return found
-        doubt_u_um = share_u(off.um)
+        u_um = share_u(off.um)
         self._run.warn(
             RunEvent.TOUCH_DOUBTED,
-            f"The wear is {decimal(found.wear_um)} µm, {signed(off.um)} µm from what was believed: the belief is "
-            "wrong, or something sticks to the tool. It takes another stop to tell.",
+            f"The wear is {decimal(found.wear_um)} µm, {signed(off.um)} µm from the expected one: that is wrong, or "
+            "debris sticks to the tool. Another measurement cycle will show which.",
             {"kind": "wear", "off_um": off.um, "u_um": off.u_um},
         )
-        return replace(
-            found,
-            wear=found.wear.widened(doubt_u_um),
-            depth=found.depth.widened(doubt_u_um if off.um < 0.0 else 0.0),
-            feed=found.feed.widened(doubt_u_um),
-        )
+        depth = found.depth.widened(u_um if off.um < 0.0 else 0.0)
+        return replace(found, depth=depth, wear=found.wear.widened(u_um), feed=found.feed.widened(u_um))
 
     def _decide(self, number: int, cut: CutResult | None, found: DepthAndWear) -> Decision:
         """Decide what follows a measurement cycle after `number` cuts; an earlier run made those without `cut`."""
         run, hole, knowledge = self._run, self._hole, self._knowledge
+        gap_um, start = knowledge.gap.value, hole.next_start(knowledge.gap)
         decision = decide(
             run.profile,
             hole.target,
             number,
             cut,
             found,
-            hole.next_start(knowledge.gap),
+            start,
             knowledge.estimate,
             touch_final=run.job.touches_final,
             broken_cuts=hole.broken_cuts + hole.regime.total.number,
         )
-        gap_um = knowledge.gap.value
         if decision.plan is None and (cut is None or cut.end is CutEnd.REACHED):
             decision = self._next_regime(number, found) or decision
         site = run.tally.sites[hole.site.name]
+        depth = marked(length(found.depth_um, found.depth.u95), site.depth_basis)
+        wear = marked(length(found.wear_um, found.wear.u95), site.wear_basis)
         run.decide(
             RunEvent.SITE_MEASURED,
-            f"Depth {marked(length(found.depth_um, found.depth.u95), site.depth_basis)}, wear "
-            f"{marked(length(found.wear_um, found.wear.u95), site.wear_basis)}, working gap {gap_um:.2f} µm.",
+            f"Depth {depth}, wear {wear}, working gap {gap_um:.2f} µm.",
             {**_figures(found), "wear_ratio": found.wear_ratio, "gap_um": gap_um},
         )
         if decision.plan is None:
@@ -257,7 +243,8 @@ class HoleProcedure:
         run.machine.set_pulses(pulse_settings(recipe.profile))
         knowledge.estimate = _estimate_in_next(before, knowledge.estimate, recipe.profile)
         knowledge.gap = first_gap(recipe.profile)
-        hole.begin_regime(knowledge.estimate, found)
+        hole.target, hole.estimate = run.target_at(hole.site), knowledge.estimate
+        hole.regime = RegimeBegun(found.depth_um, found.wear_um, hole.total, hole.stops)
         start, final = hole.next_start(knowledge.gap), run.job.touches_final
         plan = following_plan(run.profile, hole.target, number + 1, start, hole.estimate, touch_final=final)
         pulse = run.profile.pulse
@@ -271,14 +258,13 @@ class HoleProcedure:
     def _estimate(self, plan: CutPlan, cut: CutResult) -> Decision:
         """End a hole whose last cut need not be measured: feed and energy show what it added."""
         run, hole = self._run, self._hole
-        now_s = run.machine.time_s
+        now_s, estimated = run.machine.time_s, Basis.ESTIMATED
         live = plan.at(cut.end_displacement_um, self._energy(cut), now_s)
-        feed_um = live.depth_um + live.wear_um
-        feed_u_um = math.hypot(
-            plan.start.u_at(now_s), plan.start.gap_u_um, run.uncertainty.length_u_um(feed_um)
-        )
         depth, wear = plan.stated(live)
-        found = DepthAndWear(depth, wear, Value(feed_um, feed_u_um), depth_noise_um=live.depth_u_um)
+        feed_um = live.depth_um + live.wear_um
+        length_u_um = run.uncertainty.length_u_um(feed_um)
+        feed = Value(feed_um, math.hypot(plan.start.u_at(now_s), plan.start.gap_u_um, length_u_um))
+        found = DepthAndWear(depth, wear, feed, depth_noise_um=live.depth_u_um)
         self._knowledge.add_unmeasured(hole, plan, cut, live)
         hole.report(
             found,
@@ -286,13 +272,13 @@ class HoleProcedure:
             fed_um=plan.fed_um(cut.end_displacement_um),
             worn_um=live.wear_um - plan.start.wear_um,
             estimated_um=live.depth_um - plan.start.depth_um,
-            depth_basis=Basis.ESTIMATED,
-            wear_basis=Basis.ESTIMATED,
+            depth_basis=estimated,
+            wear_basis=estimated,
         )
         run.decide(
             RunEvent.SITE_ESTIMATED,
-            f"Depth ~{length(found.depth_um, found.depth.u95)}, wear ~{length(found.wear_um, found.wear.u95)} by "
-            "feed and energy: known well enough without another touch.",
+            f"Depth ~{length(depth.value, depth.u95)}, wear ~{length(wear.value, wear.u95)} by feed and energy: "
+            "known well enough without another touch.",
             _figures(found),
         )
         off_um = found.depth_um - hole.target.depth_um
@@ -310,7 +296,8 @@ class HoleProcedure:
             # It began too near to the back for the feed to show the breakthrough.
             through = self.touch_bottom_or_none(pad, hole.bottom.z_um) is None
         # A bottom is a working gap below the tip; behind the sheet there is none.
-        tip_um = max(cut.end_displacement_um + (0.0 if through else plan.start.gap_um), hole.surface_um)
+        tip_um = cut.end_displacement_um + (0.0 if through else plan.start.gap_um)
+        tip_um = max(tip_um, hole.z1.z_um + hole.face_um)
         found = hole.take_tip(tip_um, pad)
         self._knowledge.tool = ToolLength(pad)
         hole.report(found, plan.start.gap_um, through=through, depth_basis=Basis.ESTIMATED)
@@ -319,38 +306,32 @@ class HoleProcedure:
         elif cut.end is not CutEnd.REACHED:
             decision = unfinished(hole.target, cut, found.depth_um, found.feed_um)
         else:
-            sheet = f"The sheet of {hole.target.depth_um:g} µm"
-            message = f"{sheet} did not break through within {found.depth_um:.1f} µm."
+            sheet = f"The sheet of {hole.target.depth_um:g} µm did not break through"
+            message = f"{sheet} within {found.depth_um:.1f} µm."
             decision = missed(message, "Check work.thickness_um; a thicker sheet needs more stroke.")
         report_end(run, decision, found.depth_um)
         return decision
 
     def through(self, found: DepthAndWear) -> Decision:
-        """Return the end of an open hole."""
         sheet = f"Through the sheet of {self._hole.target.depth_um:g} µm"
         return Decision(f"{sheet}; the tip went {found.depth_um:.1f} µm below its face.")
 
     def touch_bottom_or_none(self, pad: SurfaceReading, least_um: float) -> SurfaceReading | None:
-        """Touch the bottom of a hole that may be open, from `least_um` on; None if the tool goes through it.
-
-        The search ends as far behind the back as the hole is fed there.
-        """
-        run, hole = self._run, self._hole
+        """Touch the bottom from `least_um` on; None if the tool goes through as far as it is fed there."""
+        run, hole, name = self._run, self._hole, self._hole.site.name
         z_max_um = pad.z_um + hole.face_um + hole.target.depth_um + hole.target.completion_um
-        search = replace(search_near(run, least_um, 0.0), z_max_um=z_max_um)
         move_to(run, hole.site)
         try:
-            return take_reading_in(run, "Z2", hole.site.name, search)
+            return take_reading_in(
+                run, "Z2", name, replace(search_near(run, least_um, 0.0), z_max_um=z_max_um)
+            )
         except MachineFault as fault:
             if fault.code != NO_CONTACT:
                 raise
             run.machine.clear_fault(fault.fault)
             run.machine.arm()
-        run.decide(
-            RunEvent.BREAKTHROUGH,
-            f"The tool goes through {hole.site.name} to {z_max_um:.1f} µm and meets nothing: the hole is open.",
-            {"displacement_um": z_max_um},
-        )
+        message = f"The tool goes through {name} to {z_max_um:.1f} µm and meets nothing: the hole is open."
+        run.decide(RunEvent.BREAKTHROUGH, message, {"displacement_um": z_max_um})
         return None
 
 
@@ -364,10 +345,7 @@ def _figures(found: DepthAndWear) -> dict[str, float]:
 
 
 def _estimate_in_next(before: Profile, learned: ErosionEstimate, after: Profile) -> ErosionEstimate:
-    """Return the estimate of a recipe, corrected by as much as the pulses before differed from theirs.
-
-    The materials are the same, so removal and wear differ from their recipe alike.
-    """
+    """Return the estimate of a recipe, corrected like that of the pulses before: the materials are the same."""
     removal = ratio = 1.0
     if learned.fits > 0 and not learned.contradicted:
         expected = estimate_of(before)

@@ -1,21 +1,20 @@
 """A hole that an earlier run left in the middle: pad and bottom are touched again, then it continues.
 
-Retraction is certain, because the tool returns to 0 V without power. So the pad shows the remaining tool length, and
-the bottom the depth of the hole. Estimates from before the interruption enter no result, but they have to agree:
-otherwise workpiece, place or tool are not those that were left, and nothing is machined.
+The tool returns to 0 V without power, so the pad shows the remaining tool length, and the bottom the depth of the
+hole. Estimates from before the interruption enter no result, but they have to agree: otherwise workpiece, place or
+tool are not those that were left, and nothing is machined.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from edmctl import failures
 from edmctl.errors import MachineFault, PreconditionError
 from edmctl.procedures.hole.cut import NO_SPARK
-from edmctl.procedures.hole.cut_planning import through_plan
-from edmctl.procedures.hole.decision import Decision, close_site
-from edmctl.procedures.hole.hole import Hole
-from edmctl.procedures.hole.hole_estimate import (
+from edmctl.procedures.hole.cut_planning import (
     STANDARD_UNCERTAINTIES,
     ExpectedHole,
     expected_of_finished,
@@ -23,7 +22,10 @@ from edmctl.procedures.hole.hole_estimate import (
     is_untouched,
     other_tool,
     other_work,
+    through_plan,
 )
+from edmctl.procedures.hole.decision import Decision, close_site
+from edmctl.procedures.hole.hole import Hole
 from edmctl.procedures.hole.knowledge import JobKnowledge
 from edmctl.procedures.hole.procedure import HoleProcedure
 from edmctl.procedures.job import JobState
@@ -33,15 +35,13 @@ from edmctl.procedures.servo.limits import TimeLimits, is_near_back
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import MORE_LOOKS, wash
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT, SurfaceReading, take_reading
-from edmctl.procedures.touch.spots import ToolLength, read_pad
-from edmctl.procedures.touch.surface_plane import SurfacePlane
+from edmctl.procedures.touch.surfaces import SurfacePlane, ToolLength, read_pad
 from edmctl.process.touches import DepthAndWear, Reading
 from edmctl.profile.places import Place
 from edmctl.record.rows import RejectedTouch, RunEvent
 from edmctl.wording import decimal, length, with_u95
 
-BEYOND_UM = 12.0
-"""A touch searches this much beyond what would be accepted: a mistake is to be found, not missed."""
+BEYOND_UM = 12.0  # touches search this far beyond what is accepted: a mistake is to be found, not missed
 
 
 class ResumedHole(HoleProcedure):
@@ -122,8 +122,7 @@ class ResumedHole(HoleProcedure):
             return self.cut_to_the_end(plan)
         except MachineFault as fault:
             is_in_approach = hole.plan is None
-            is_near = is_near_back(found.depth_um, found.depth.u, target.depth_um)
-            if fault.code != NO_SPARK or not is_in_approach or not is_near:
+            if fault.code != NO_SPARK or not is_in_approach or not is_near_back(found.depth, target.depth_um):
                 raise
             run.machine.clear_fault(fault.fault)
             run.machine.arm()
@@ -143,11 +142,8 @@ class ResumedHole(HoleProcedure):
         z3_um = hole.z1.z_um + expected.estimate.wear_um
         drift_um = STANDARD_UNCERTAINTIES * pause_drift_u_um(run.job)
         u_um = (expected.reach_um(expected.estimate.wear) + drift_um + more_um + BEYOND_UM) / BEYOND_SIGMAS
-        try:
+        with _journal_hint(run.job.pad, z3_um):
             z3 = read_pad(run, "Z3", hole.site.name, z3_um, u_um)
-        except MachineFault as fault:
-            _add_journal_hint(fault, run.job.pad, z3_um)
-            raise
         self._update_surface(z3)
         return z3
 
@@ -176,22 +172,17 @@ class ResumedHole(HoleProcedure):
 
     def _restart(self, pad: SurfaceReading, found: DepthAndWear) -> None:
         """Restart the hole on an untouched surface, beside the finished holes that belong to it."""
-        run, site = self._run, self._hole.site
+        run, name, u95_um = self._run, self._hole.site.name, found.depth.u95
         if not is_untouched(found):
-            error = failures.face_not_untouched(
-                site=site.name, depth_um=with_u95(found.depth_um, found.depth.u95)
-            )
-            raise _refused(run, error)
+            depth_um = with_u95(found.depth_um, u95_um)
+            raise _refused(run, failures.face_not_untouched(site=name, depth_um=depth_um))
         if run.tally.sites:
             _check_finished(run, self._knowledge, pad)
         self._knowledge.tool = ToolLength(pad)
         run.tally.depth_um, run.tally.unmeasured_site = 0.0, ""
-        run.decide(
-            RunEvent.RESUMED,
-            f"The face at {site.name} is untouched ({length(found.depth_um, found.depth.u95)}): the hole is "
-            "made from the start.",
-            {"depth_um": found.depth_um},
-        )
+        depth = length(found.depth_um, u95_um)
+        message = f"The face at {name} is untouched ({depth}): the hole is made from the start."
+        run.decide(RunEvent.RESUMED, message, {"depth_um": found.depth_um})
 
     def _open(self, pad: SurfaceReading, expected: ExpectedHole) -> Decision:
         run, hole, target = self._run, self._hole, self._hole.target
@@ -232,29 +223,29 @@ def _check_finished(run: JobRun, knowledge: JobKnowledge, pad: SurfaceReading) -
     found = hole.measured(bottom, pad)
     if not expected.depth_fits(found):
         raise _refused(run, other_work(site, found, expected.estimate, begun=False))
-    run.decide(
-        RunEvent.RESUMED,
-        f"{site.name}, finished before, is {found.depth_um:.2f} µm deep; {result.depth_um:.2f} µm were expected.",
-        {"depth_um": found.depth_um, "expected_um": result.depth_um},
-    )
+    depths = f"{found.depth_um:.2f} µm deep; {result.depth_um:.2f} µm were expected"
+    args = {"depth_um": found.depth_um, "expected_um": result.depth_um}
+    run.decide(RunEvent.RESUMED, f"{site.name}, finished before, is {depths}.", args)
 
 
 def _touch_bottom(run: JobRun, site: Place, predicted_um: float, expected: ExpectedHole) -> SurfaceReading:
     move_to(run, site)
     u_um = (expected.depth_reach_um + BEYOND_UM) / BEYOND_SIGMAS
-    try:
+    with _journal_hint(site, predicted_um):
         return take_reading(run, "Z2", site.name, predicted_um, u_um)
+
+
+@contextmanager
+def _journal_hint(place: Place, predicted_um: float) -> Iterator[None]:
+    try:
+        yield
     except MachineFault as fault:
-        _add_journal_hint(fault, site, predicted_um)
+        if fault.code == NO_CONTACT:
+            fault.hint += (
+                f" The journal expects contact at {predicted_um:.1f} µm, {place.name}: work, place or tool may not "
+                "be those that were left."
+            )
         raise
-
-
-def _add_journal_hint(fault: MachineFault, place: Place, predicted_um: float) -> None:
-    if fault.code == NO_CONTACT:
-        fault.hint += (
-            f" The journal expects contact at {predicted_um:.1f} µm, {place.name}: work, place or tool may not "
-            "be those that were left."
-        )
 
 
 def refuse_other(
@@ -266,10 +257,7 @@ def refuse_other(
     untouched: bool = False,
     begun: bool = True,
 ) -> None:
-    """Raise PreconditionError E8060, E8061 if the touches found another workpiece than was left, or another tool.
-
-    An untouched surface under a tool that does not fit either is another workpiece: a hole can be restarted there.
-    """
+    """Raise PreconditionError E8060, E8061 if the touches contradict the journal by depth or by tool."""
     tool_fits = expected.tool_fits(found)
     if not expected.depth_fits(found) or (untouched and not tool_fits):
         raise _refused(run, other_work(site, found, expected.estimate, begun=begun))
@@ -284,7 +272,6 @@ def _refused(run: JobRun, error: PreconditionError) -> PreconditionError:
 
 
 def report_resumed(run: JobRun, expected: DepthAndWear, depth_um: float, wear_um: float) -> None:
-    """Record from where the job continues."""
     run.decide(
         RunEvent.RESUMED,
         f"Taken up again at {decimal(depth_um)} µm depth and {decimal(wear_um)} µm wear; the journal expected "
@@ -300,12 +287,11 @@ def restore_surface(run: JobRun, surface: SurfacePlane, state: JobState) -> None
     if math.isfinite(run.job.pause_s):
         return
     drift_um = 2.0 * pause_drift_u_um(run.job)
-    run.warn(
-        RunEvent.RESUMED,
-        "Nobody knows how long the job stood still: a clock was set back, or was not told. Depth is touched anew; "
-        f"the wear's interval holds a drift of ± {drift_um:.0f} µm.",
-        {"drift_um": drift_um},
+    message = (
+        "The length of the pause is unknown: a clock was set back, or the time is missing. Depth is measured anew; "
+        f"the interval of the wear includes a drift of ± {drift_um:.0f} µm."
     )
+    run.warn(RunEvent.RESUMED, message, {"drift_um": drift_um})
 
 
 def z1_left_by(run: JobRun, state: JobState) -> SurfaceReading:

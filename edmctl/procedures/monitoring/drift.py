@@ -1,8 +1,8 @@
 """Drift of the zero of the displacement: as the setup states it, and as the rests at 0 V have shown it.
 
 A rest does not distinguish drift from creep of the actuator, and does not show a drift between tool and workpiece.
-So an observed drift only widens the uncertainty, and no reading is corrected by it here; `touch/spots.py` does so if
-`edmctl measure-drift` has measured the common drift of rests and touches.
+So an observed drift only widens the uncertainty, and no reading is corrected by it here; `touch/surfaces.py` does so
+if `edmctl measure-drift` has measured the common drift of rests and touches.
 """
 
 from __future__ import annotations
@@ -15,20 +15,15 @@ from edmctl.planning.measuring import displacement
 from edmctl.procedures.job import Job
 from edmctl.process.touches import Displacement, Drift, share_u
 
-LEAST_SPAN_S = 120.0
-"""Over less time the error of the actuator model after a deep cut, a few µm, would look like a drift."""
+LEAST_SPAN_S = 120.0  # over less time the error of the model after a deep cut would look like a drift
 RECENT_S = 600.0  # time over which a recent drift is detected
 HOMES_APART_S = 900.0  # least time between homes of successive jobs that show a drift
 HOMES_ALIKE_UM = 3.0  # difference between homes of successive jobs by creep and unrecorded time
 CREEP_UM = 0.6  # residual creep in two zeros ten minutes apart; it may hide as much of a drift
-CREEP_SHARE = 0.01
-"""Additional residual creep per way that the tool was driven since the first rest: it keeps the tool lower for
-minutes, and hides a drift the other way [assumed]."""
-SEEN_SDS = 2.0
-"""Standard deviations beyond which a drift contradicts the setup: one machine in twenty by chance."""
+CREEP_SHARE = 0.01  # residual creep per way of the tool since the first rest; it hides a drift [assumed]
+SEEN_SDS = 2.0  # standard deviations beyond which a drift contradicts the setup: 1 in 20 by chance
 DRIFT_SDS = 4.0  # standard deviations beyond which a change is no drift
-UNCERTAINTIES_IN_STROKE = 3.0
-"""A drift counts for no more than the whole stroke, beyond which a zero could not be touched."""
+UNCERTAINTIES_IN_STROKE = 3.0  # a drift counts for no more than the stroke: no zero is further
 Zero = tuple[float, float]  # time, s, and sensor reading with the tool at home, µm
 
 
@@ -42,12 +37,10 @@ class Rests:
     def __init__(self) -> None:
         self._rests: list[tuple[float, float]] = []
         self._low_um, self._high_um = math.inf, -math.inf
-        self.first_um = math.nan
-        self.first_s = math.nan
+        self.first_um = self.first_s = math.nan
         self.hidden_um = 0.0
 
     def note(self, time_s: float, zero_um: float) -> None:
-        """Take a rest."""
         self._rests.append((time_s, zero_um))
 
     def reach(self, low_um: float, high_um: float) -> None:
@@ -64,42 +57,31 @@ class Rests:
         return (self._rests[0], self._rests[-1]) if self._rests else ()
 
     def drifted(self) -> tuple[float, Drift]:
-        """Return the time from the first rest to the newest, and the drift of the zero less its creep.
-
-        Creep by the way of the tool keeps it lower, by any part of its bound as likely; residual creep has either
-        sign.
-        """
+        """Return the time from the first rest to the newest, and the drift of the zero less its creep."""
         if not self._rests:
             return 0.0, Drift(0.0, 0.0)
         (first_s, first_um), (last_s, last_um) = self.ends()
         return last_s - first_s, self._less_creep(last_um - first_um)
 
     def _less_creep(self, shift_um: float) -> Drift:
-        way_um = max(0.0, self._high_um - self._low_um)
-        creep_um = 0.5 * CREEP_SHARE * way_um
+        """Creep by the way of the tool keeps it lower; residual creep has either sign."""
+        creep_um = 0.5 * CREEP_SHARE * max(0.0, self._high_um - self._low_um)
         return Drift(shift_um - creep_um, share_u(CREEP_UM + creep_um))
 
     def contradicting_um_s(self, believed_um_s: float) -> float:
-        """Return the drift that contradicts the setup, µm/s, over the whole run or over `RECENT_S`; 0 if none
-        does.
-        """
+        """Return the drift that contradicts the setup, over the whole run or over `RECENT_S`, µm/s; 0 if none."""
         if len(self._rests) < 2:
             return 0.0
         last_s, last_um = self._rests[-1]
-        recent = next(
-            (zero for zero in reversed(self._rests) if last_s - zero[0] >= RECENT_S), self._rests[0]
-        )
+        earlier = [zero for zero in self._rests if last_s - zero[0] >= RECENT_S]
         return max(
             _contradicting(believed_um_s, last_s - time_s, self._less_creep(last_um - zero_um))
-            for time_s, zero_um in (self._rests[0], recent)
+            for time_s, zero_um in (self._rests[0], earlier[-1] if earlier else self._rests[0])
         )
 
 
 def _contradicting(believed_um_s: float, span_s: float, seen: Drift) -> float:
-    """Return an observed drift that the setup's standard uncertainty does not explain, µm/s; 0 if it does.
-
-    It is the new standard uncertainty: the setup is as uncertain as it was wrong.
-    """
+    """Return a drift that the setup does not explain, as its new standard uncertainty, µm/s; 0 if it does."""
     allowed_um = SEEN_SDS * math.hypot(believed_um_s * span_s, seen.left_u_um)
     return abs(seen.um) / max(LEAST_SPAN_S, span_s) if abs(seen.um) > allowed_um else 0.0
 
@@ -122,17 +104,13 @@ def contradicting_between_jobs_um_s(homes: Sequence[Zero], believed_um_s: float)
     for since in reversed(together):
         (first_s, first_um), (last_s, last_um) = since[0], since[-1]
         if last_s - first_s >= HOMES_APART_S:
-            seen = Drift(last_um - first_um, share_u(CREEP_UM))
-            return _contradicting(believed_um_s, last_s - first_s, seen)
+            drift = Drift(last_um - first_um, share_u(CREEP_UM))
+            return _contradicting(believed_um_s, last_s - first_s, drift)
     return 0.0
 
 
 def first_home_um(rest_um: float, expected_um: float, drift_um: float) -> float:
-    """Return home by a first rest at 0 V, expected at `expected_um` and perhaps drifted by `drift_um` since.
-
-    Nothing pulls a tool beyond home, so a lower rest is home. A higher one is, as far as the sensor may have
-    drifted; the remainder is a tool that is out, by creep or by a defect.
-    """
+    """Return home by a first rest: a lower rest is home, a higher one as far as the sensor may have drifted."""
     return min(rest_um, expected_um + drift_um)
 
 
@@ -149,10 +127,7 @@ def displacement_uncertainty(job: Job) -> Displacement:
 
 
 def uncertainty_now(job: Job, rests: Rests) -> Displacement:
-    """Return the same, with the drift that the rests have shown if that is more.
-
-    A measured drift between tool and workpiece is added, because no rest shows it.
-    """
+    """Return the same with the drift of the rests if that is more, and that between tool and workpiece."""
     sensor_u = displacement_uncertainty(job)
     apart_um_s = job.drift.apart_u_um_per_s if job.drift is not None else 0.0
     believed_um_s = sensor_u.drift_u_um_per_s

@@ -19,11 +19,9 @@ from edmctl.results.job import Belief
 
 WINDOW_S = 1.0
 WARNED_FRAMES = 3  # damaged frames within the window that are reported: a clean line has none in hours
-MOST_FRAMES = 10
-"""Damaged frames within the window that end the job, as the controller does for those that it receives."""
+MOST_FRAMES = 10  # damaged frames within the window that end the job; the controller does so too
 REPORT_S = 10.0
-LARGEST_SHARE = 0.15
-"""Of the stroke that the job uses: the bound of Muralidhara et al. 2009 for a model of hysteresis."""
+LARGEST_SHARE = 0.15  # of the stroke of the job: the bound of Muralidhara et al. 2009 for hysteresis models
 PATIENCE_S = 2.0  # a difference that lasts this long ends the job; a jolt or a jump is over sooner
 
 
@@ -39,36 +37,28 @@ class LinkMonitor:
 
     def on_telemetry(self, block: TelemetryBlock) -> None:
         """Check the line at the time of these samples. Raises MachineFault E61003."""
-        now_s = block.summary.end_s
-        self._look_for_noise(now_s)
-        if now_s >= self._next_report_s:
-            self._next_report_s = REPORT_S * (now_s // REPORT_S + 1.0)
-            self._run.recorder.append(LinkRow(now_s, self._run.machine.link_report()))
-
-    def _look_for_noise(self, now_s: float) -> None:
-        bad = self._run.machine.bad_frames
+        machine, now_s = self._run.machine, block.summary.end_s
+        bad = machine.bad_frames
         if bad > self._seen:
             self._bad.append((now_s, bad - self._seen))
             self._seen = bad
         while self._bad and self._bad[0][0] <= now_s - WINDOW_S:
             self._bad.popleft()
-        if not self._bad:
-            self._warned = False
-            return
         frames = sum(number for _, number in self._bad)
-        if frames < WARNED_FRAMES:
-            self._warned = False
-        elif not self._warned:
-            self._warned = True
+        if frames >= WARNED_FRAMES and not self._warned:
             self._run.warn(
                 RunEvent.LINE_NOISE,
                 f"The line is disturbed: {frames} damaged frames arrived within {WINDOW_S:.0f} s; "
                 f"{MOST_FRAMES} end the job.",
                 {"bad_frames": frames},
             )
+        self._warned = frames >= WARNED_FRAMES
         if frames >= MOST_FRAMES and not self._over:
             self._over = True
             raise host_fault("LINE_NOISE", bad_frames=frames)
+        if now_s >= self._next_report_s:
+            self._next_report_s = REPORT_S * (now_s // REPORT_S + 1.0)
+            self._run.recorder.append(LinkRow(now_s, machine.link_report()))
 
 
 def record_link(run: JobRun) -> None:
@@ -79,21 +69,7 @@ def record_link(run: JobRun) -> None:
         f"Link: {report.frames_received} frames in, {report.bad_frames} damaged, {report.lost_frames} lost, "
         f"{report.retries} commands repeated; round trip {report.rtt_p50_ms:.2f} ms."
     )
-    # The names are so short that they fit an event.
-    figures: Args = {
-        "sent": report.frames_sent,
-        "received": report.frames_received,
-        "bad": report.bad_frames,
-        "lost": report.lost_frames,
-        "retries": report.retries,
-        "bad_there": report.controller_bad_frames,
-        "rtt50_ms": round(report.rtt_p50_ms, 3),
-        "rtt99_ms": round(report.rtt_p99_ms, 3),
-        "clock_s": round(report.clock_offset_s, 6),
-        "clock_ppm": round(report.clock_rate_ppm, 2),
-        "residual_us": round(report.clock_residual_us, 1),
-    }
-    run.note(RunEvent.LINK, message, figures)
+    run.note(RunEvent.LINK, message, {})
 
 
 class SensorMonitor:
@@ -108,7 +84,6 @@ class SensorMonitor:
     def update(self, block: TelemetryBlock, model_um: Array) -> None:
         """Take samples and their estimates, shape (n,) in µm. Raises MachineFault E67001."""
         sensor_um, estimate_um = float(block.displacement_um.mean()), float(model_um.mean())
-        now_s = float(block.time_s[-1])
         if self._over or abs(sensor_um - estimate_um) <= self._largest_um:
             self._since_s = None
             return
@@ -118,12 +93,9 @@ class SensorMonitor:
         )
         if self._since_s is None:
             self._since_s = float(block.time_s[0])
-            self._run.warn(
-                RunEvent.Z_MISMATCH,
-                host_fault("Z_MISMATCH").message + message,
-                {"sensor_um": sensor_um, "model_um": estimate_um, "limit_um": self._largest_um},
-            )
-        elif now_s - self._since_s >= PATIENCE_S:
+            args = {"sensor_um": sensor_um, "model_um": estimate_um, "limit_um": self._largest_um}
+            self._run.warn(RunEvent.Z_MISMATCH, host_fault("Z_MISMATCH").message + message, args)
+        elif float(block.time_s[-1]) - self._since_s >= PATIENCE_S:
             self._over = True
             raise host_fault("Z_MISMATCH", message)
 
@@ -132,17 +104,21 @@ LEAST_SPAN_S = 60.0  # over less time creep of the first seconds after a cut wou
 
 
 def judge_job(run: JobRun, pads: Sequence[SurfaceReading]) -> None:
-    """Check the setup by all readings of the pad in a job, into its tally."""
-    run.tally.beliefs = judge(run, pads, *_drift_um_s(run, pads))
+    """Check the setup by the readings of the pad; creep in the drift of the rests is subtracted if measured."""
+    drift, rests = run.job.drift, [pad.rest for pad in pads if pad.rest is not None]
+    if drift is not None and len(rests) > 1:
+        span_s = rests[-1].time_s - rests[0].time_s
+        moved = drift.rest_moved(rests[0], rests[-1], run.job.unknown_use_s)
+    else:
+        span_s, moved = run.watch.rests.drifted()
+    rates = (moved.um / span_s, moved.left_u_um / span_s) if span_s >= LEAST_SPAN_S else (math.nan, math.nan)
+    run.tally.beliefs = judge(run, pads, *rates)
 
 
 def judge(
     run: JobRun, pads: Sequence[SurfaceReading], drift_um_s: float, drift_u_um_s: float
 ) -> tuple[Belief, ...]:
-    """Compare the setup's uncertainties with readings of the pad and with a drift; warn of contradictions.
-
-    The drift is that of the rests without creep, with its standard uncertainty; NaN if unknown.
-    """
+    """Compare the setup's uncertainties with readings of the pad and the drift of the rests (NaN if unknown)."""
     setup = run.setup
     beliefs = (
         _judged("surface.tilt_u_mrad", setup.surface.tilt_u_mrad, *_slope_mrad(run, pads)),
@@ -172,19 +148,3 @@ def _slope_mrad(run: JobRun, pads: Sequence[SurfaceReading]) -> tuple[float, flo
     slopes = [1e3 * step.um / math.hypot(*step.way_um) for step in steps]
     us = [1e3 * step.u_um(touch_u_um) / math.hypot(*step.way_um) for step in steps]
     return math.fsum(slopes) / len(steps), math.sqrt(math.fsum(u**2 for u in us)) / len(steps)
-
-
-def _drift_um_s(run: JobRun, pads: Sequence[SurfaceReading]) -> tuple[float, float]:
-    """Return the drift of the rests without creep and its standard uncertainty; NaN over a short time.
-
-    Measured creep is subtracted from the first to the last reading of the pad; otherwise it is bounded.
-    """
-    drift, rests = run.job.drift, [pad.rest for pad in pads if pad.rest is not None]
-    if drift is not None and len(rests) > 1:
-        span_s = rests[-1].time_s - rests[0].time_s
-        moved = drift.rest_moved(rests[0], rests[-1], run.job.unknown_use_s)
-    else:
-        span_s, moved = run.watch.rests.drifted()
-    if span_s < LEAST_SPAN_S:
-        return math.nan, math.nan
-    return moved.um / span_s, moved.left_u_um / span_s

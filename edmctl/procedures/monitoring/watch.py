@@ -27,9 +27,7 @@ from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent, ServoBl
 
 _GATHERED_S = 0.45  # blocks are estimated and recorded together up to this duration
 
-NEWEST_S = 0.1 - 1e-6
-"""The present place of the tool is the mean over this much of the newest samples, one frame. A delayed host gets a
-block of seconds, in which the tool has moved."""
+NEWEST_S = 0.1 - 1e-6  # the place of the tool is the mean of a frame; a delayed host gets seconds of samples
 
 _DIRECTION = np.zeros((256, 256), dtype=np.int8)
 """Direction of the tool by (state, flags): -1 back, 0 hold, 1 forward."""
@@ -40,14 +38,8 @@ _DIRECTION[MachineState.MACHINING] = np.where(np.arange(256) & TelemetryFlag.ADV
 class Watch(MachineListener):
     """Passes each sample to the estimator, the recorder, and a follower if any.
 
-    `latest` are the newest samples, None before the first.
-
-    Parameters
-    ----------
-    recorder : takes the rows
-    duty_voltage_v : mean gap voltage of an all-open gap; gap ratios refer to it
-    record_every : number of telemetry samples of which one is recorded
-    sensor : whether the displacements come from a sensor, and are not estimates already
+    Gap ratios refer to `duty_voltage_v`, the mean voltage of an open gap. One of `record_every` samples is recorded.
+    Without `sensor` the displacements are estimates already. `latest` are the newest samples, None before the first.
     """
 
     def __init__(
@@ -71,10 +63,7 @@ class Watch(MachineListener):
         self.last_rest: Rest | None = None
 
     def follow_creep(self, left: CreepLeft | None) -> None:
-        """Follow the lags of the displacement from now on, at home: rests show drift by them.
-
-        left : residual creep of an earlier use of the actuator, None if it was not used
-        """
+        """Follow the lags of the displacement from home on; `left` is the residual creep, None if unused."""
         if self._sensor:
             self._lags = CreepLags(left)
 
@@ -196,54 +185,49 @@ class Watch(MachineListener):
             model_um = self._tracker.estimator.advance(block.time_s, block.actuator_v)
             self.feed_error.update(block, model_um)
         self._trace.append(block.time_s, model_um)
-        rows = self._rows(block, model_um)
-        if len(rows.time_s):
-            self._recorder.append(rows)
+        self._record(block, model_um)
         if compared and self._comparer is not None:
             self._comparer(block, model_um)
 
-    def _rows(self, block: TelemetryBlock, model_um: Array) -> ServoBlock:
-        """Return each `record_every`-th sample of the run; a block may have none."""
+    def _record(self, block: TelemetryBlock, model_um: Array) -> None:
+        """Record each `record_every`-th sample of the run; a block may have none."""
         pick = slice(self._skip, None, self._every)
         self._skip = (self._skip - len(block.time_s)) % self._every
+        if not len(block.time_s[pick]):
+            return
         sensor_um = block.displacement_um if self._sensor else np.full_like(model_um, math.nan)
-        return ServoBlock(
-            time_s=block.time_s[pick],
-            actuator_v=block.actuator_v[pick],
-            displacement_um=sensor_um[pick],
-            model_um=model_um[pick],
-            gap_v=block.gap_v[pick],
-            gap_ratio=block.gap_v[pick] / self._duty_voltage_v,
-            current_a=block.current_a[pick],
-            direction=_DIRECTION[block.state[pick], block.flags[pick]],
-            state=block.state[pick],
+        self._recorder.append(
+            ServoBlock(
+                time_s=block.time_s[pick],
+                actuator_v=block.actuator_v[pick],
+                displacement_um=sensor_um[pick],
+                model_um=model_um[pick],
+                gap_v=block.gap_v[pick],
+                gap_ratio=block.gap_v[pick] / self._duty_voltage_v,
+                current_a=block.current_a[pick],
+                direction=_DIRECTION[block.state[pick], block.flags[pick]],
+                state=block.state[pick],
+            )
         )
 
-    def pulse_blocks(self, batch: PulseBlockBatch) -> None:
-        """Record."""
+    def pulse_blocks(self, batch: PulseBlockBatch | PulseTrain) -> None:
         self._recorder.append(batch)
 
-    def pulses(self, batch: PulseTrain) -> None:
-        """Record."""
-        self._recorder.append(batch)
+    pulses = pulse_blocks
 
     def event(self, event: MachineEvent) -> None:
         """Record; the estimate at a touch is kept, because its reading is requested much later."""
         if event.code is EventCode.TOUCH:
             self.settle()
             self._trace.keep(event.time_s)
-        args = {
-            "argument": event.argument,
-            "displacement_um": event.displacement_um,
-            "actuator_v": event.actuator_v,
-        }
+        places = {"displacement_um": event.displacement_um, "actuator_v": event.actuator_v}
+        args = {"argument": event.argument, **places}
         self._recorder.append(EventRow(event.time_s, event.code, EventLevel.DEBUG, event.code.name, args))
 
     def log(self, level: int, text: str) -> None:
         """Record a line of the controller's own log."""
-        block = self.latest
-        time_s = 0.0 if block is None else float(block.time_s[-1])
         weight = EventLevel(min(max(level, EventLevel.DEBUG), EventLevel.ERROR))
+        time_s = max(0.0, self.newest_s)
         self._recorder.append(EventRow(time_s, RunEvent.CONTROLLER_LOG, weight, text))
 
 
@@ -254,10 +238,7 @@ def _now(block: TelemetryBlock) -> tuple[float, float]:
 
 
 def _now_u_um(block: TelemetryBlock) -> float:
-    """Return the standard uncertainty of that displacement by the differences of neighbouring samples.
-
-    A creeping tool does not scatter. It is 0 for a single sample.
-    """
+    """Return the standard uncertainty of that displacement, by neighbouring samples as a tool may creep."""
     newest = int(np.count_nonzero(block.time_s > block.time_s[-1] - NEWEST_S))
     steps_um = np.diff(block.displacement_um)
     return math.sqrt(float(np.mean(steps_um**2)) / (2.0 * newest)) if len(steps_um) else 0.0

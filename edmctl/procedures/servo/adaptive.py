@@ -1,11 +1,9 @@
 """Adaptive control of a cut: when to jump, and what to change if jumps are not enough. It moves nothing itself.
 
 The order of remedies is flush, then a wider gap, then longer pauses between pulses (decision 0021). Shares of arcs
-and shorts count while it sparks, not during a jump and not for half a second after one.
-
-An adaptive servo reference follows the share of arcs. A lower reference ignites more pulses and fills the gap with
-debris, and debris makes arcs that remove little. The best reference depends on flushing and depth; the share of arcs
-at it does not (decision 0043).
+and shorts count while it sparks, not during a jump and shortly after. An adaptive servo reference follows the share
+of arcs: a lower reference ignites more pulses and fills the gap with debris, which makes arcs that remove little.
+The best reference depends on flushing and depth; the share of arcs at it does not (decision 0043).
 """
 
 from __future__ import annotations
@@ -19,12 +17,10 @@ from edmctl.procedures.run import Args
 from edmctl.profile.model import Profile
 from edmctl.record.rows import RunEvent
 
-EVIDENCE_S = 1.0
-"""Arcs and shorts over their high thresholds for this long cause a jump: 2300 pulses show 5 % within 0.5 %."""
+EVIDENCE_S = 1.0  # arcs or shorts over their limit for this long cause a jump: 2300 pulses, 5 ± 0.5 %
 CLEAN_S = 20.0  # below both low thresholds for this long, one remedy is taken back
 FREEZE_S = 0.5  # after a jump nothing counts for this long: the servo is still finding the gap
-LONGEST_SHARE = 4.0
-"""Of `jump.period_s`: the longest period in a gap that stays clean. Jumps every 40 s cost less than 0.5 % there."""
+LONGEST_SHARE = 4.0  # longest period in a clean gap, times `jump.period_s`: costs less than 0.5 %
 SHORTER, LONGER = 0.5, 1.5
 PATIENCE = 5  # jumps in a row at the shortest period without success, after which jumps alone do not help
 FLUSH_ABOVE = 2.0  # arcs that cause a jump, relative to those that an adaptive reference keeps
@@ -33,12 +29,9 @@ MOST_JUMPS = 2
 HEALED_S = 10.0  # after this time without such a short the next one counts as a new one
 
 
-WINDOW_S = 4.0
-"""Arcs are counted over this time before the reference changes: 9 000 pulses show 8 % within 0.3 %."""
-DEAD_BAND = 0.12
-"""Relative difference from the target without a change: it costs less than 1 % of the removal."""
-GAIN = 0.06
-"""Change of the reference for twice the arcs, as a share of the span between all-sparking and all-open."""
+WINDOW_S = 4.0  # arcs are counted over this time before the reference changes: 9000 pulses show 8 ± 0.3 %
+DEAD_BAND = 0.12  # relative difference from the target without a change: costs less than 1 % of the removal
+GAIN = 0.06  # change of the reference for twice the arcs, relative to the span from all-sparking to all-open
 LARGEST_STEP = 0.06
 
 
@@ -69,25 +62,19 @@ class PulseWindow:
 
     @property
     def is_full(self) -> bool:
-        """Whether it covers its length."""
         return self._span_s >= self._length_s - 1e-6
 
     @property
     def arcs(self) -> float:
-        """Share of arcs; 0 without pulses."""
         return self._arcs / self._pulses if self._pulses else 0.0
 
     @property
     def shorts(self) -> float:
-        """Share of shorts; 0 without pulses."""
         return self._shorts / self._pulses if self._pulses else 0.0
 
 
 class ReferenceSearch:
-    """The servo reference by the arcs and shorts of the last seconds.
-
-    `target` is the share that is kept, `seen` that of the last window.
-    """
+    """The servo reference by the arcs and shorts of the last seconds: `target` share, and the `seen` one."""
 
     def __init__(self, profile: Profile, highest: float) -> None:
         assert profile.adaptive.arc_target is not None, "a loaded profile has it"
@@ -98,10 +85,7 @@ class ReferenceSearch:
         self._window = PulseWindow(WINDOW_S)
 
     def update(self, duration_s: float, pulses: int, arcs: int, shorts: int, reference: float) -> float:
-        """Take a slice of sparking at `reference`; return the reference to continue with.
-
-        Shorts count as arcs: both show that the gap is too small.
-        """
+        """Take a slice of sparking; return the next reference. Shorts count as arcs: the gap is too small."""
         self._window.add(duration_s, pulses, arcs, shorts)
         if not self._window.is_full:
             return reference
@@ -134,9 +118,8 @@ _SETTINGS = {
 class AdaptiveControl:
     """Jump period, servo reference and duty of one cut.
 
-    `period_s` is NaN without jumps; `reference` and `duty` are the settings for servo and generator. `asking` has
-    the shares of arcs and shorts that are over their limits and cause the next jump; it is empty if the period does.
-    `since_jump` has the pulses since the last jump, `changes` the changes until they are carried out.
+    `period_s` is NaN without jumps. `asking` has the shares of arcs and shorts that cause the next jump, none if the
+    period does. `since_jump` has the pulses since the last jump, `changes` the changes until they are carried out.
     """
 
     def __init__(self, profile: Profile, start_s: float) -> None:
@@ -144,13 +127,10 @@ class AdaptiveControl:
         self._jump, self._limits = jump, profile.adaptive
         self._adaptive = jump.mode == "adaptive"
         self._reference_0, self._duty_0 = profile.servo.reference, profile.pulse.duty
-        self._last_s = start_s
-        self._freeze_s = 0.0
-        self._evidence = PulseWindow(EVIDENCE_S)
-        self._clean = PulseWindow(CLEAN_S)
+        self._last_s, self._freeze_s = start_s, 0.0
+        self._evidence, self._clean = PulseWindow(EVIDENCE_S), PulseWindow(CLEAN_S)
         self.since_jump = PulseWindow(math.inf)
-        self._in_vain = 0
-        self._at_once = ""
+        self._in_vain, self._at_once = 0, ""
         self.asking: dict[str, float] = {}
         self.period_s = math.nan if jump.mode == "off" else jump.period_s
         self.reference, self.duty = self._reference_0, self._duty_0
@@ -173,10 +153,9 @@ class AdaptiveControl:
             return
         if search := self._search:
             reference = search.update(duration_s, pulses, arcs, shorts, self.reference)
-            reason = (
-                f"{100 * search.seen:.1f} % arcs and shorts, and {100 * search.target:.1f} % remove the most"
-            )
             if reference != self.reference:
+                seen, target = 100 * search.seen, 100 * search.target
+                reason = f"{seen:.1f} % arcs and shorts, and {target:.1f} % remove the most"
                 self._change("reference", round(reference, 3), reason, {"arcs": search.seen})
         if not self._adaptive:
             return
@@ -200,7 +179,6 @@ class AdaptiveControl:
         return f"{self.period_s:.3g} s have passed" if now_s >= self.clock_due_s else ""
 
     def jumped(self, now_s: float) -> None:
-        """Restart the period; check whether jumps at the shortest period help."""
         self._last_s = now_s
         self._at_once = ""
         self.asking = {}
@@ -236,11 +214,10 @@ class AdaptiveControl:
         return min(self._duty_0, self._limits.duty_min)
 
     def _flush(self, arcs: float, shorts: float) -> None:
-        self._at_once = (
-            f"{100 * arcs:.1f} % arcs and {100 * shorts:.1f} % shorts in the last {EVIDENCE_S:g} s"
-        )
-        limits = {"arcs": self._arc_high, "shorts": self._limits.short_high}
         shares = {"arcs": arcs, "shorts": shorts}
+        limits = {"arcs": self._arc_high, "shorts": self._limits.short_high}
+        seen = f"{100 * arcs:.1f} % arcs and {100 * shorts:.1f} % shorts"
+        self._at_once = f"{seen} in the last {EVIDENCE_S:g} s"
         self.asking = {name: share for name, share in shares.items() if share > limits[name]}
         self._evidence.clear()
         self._clean.clear()
@@ -278,7 +255,6 @@ class ShortRecovery:
         self.jumps = 0
 
     def update(self, duration_s: float, pulses: int, shorts: int, *, sparking: bool) -> None:
-        """Judge a slice."""
         if not sparking or pulses == 0:
             return
         if shorts == pulses:
@@ -295,6 +271,5 @@ class ShortRecovery:
         return f"a short has lasted {self._shorted_s:.1f} s"
 
     def jumped(self) -> None:
-        """Count a jump."""
         self._shorted_s = 0.0
         self.jumps += 1

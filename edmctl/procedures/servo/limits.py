@@ -12,19 +12,16 @@ from edmctl.dataclasses import dataclass
 from edmctl.planning.forecast import forecast
 from edmctl.procedures.run import JobRun
 from edmctl.process.next_cut import CLEAR_SIGMAS
+from edmctl.quantity import Value
 from edmctl.record.rows import RunEvent
 from edmctl.results.telemetry import PulseShares
 
-RATIO_WINDOW_S = 2.0
-"""Window of arcs and shorts; a limit that is exceeded over it is reported at once (decision 0012)."""
-UNSTABLE_S = 30.0
-"""A cut over its arc or short limit for this long is ended. Badly flushed holes that succeed are over it for up to
-9 s, until the next jump, so it has to outlast some jump periods (decision 0012)."""
+RATIO_WINDOW_S = 2.0  # window of arcs and shorts; over their limit they are reported at once (decision 0012)
+UNSTABLE_S = 30.0  # a cut over its limits for this long is ended: bad flushing gives 9 s (decision 0012)
 
 # Looked up in every slice; an enum member costs a metaclass call each time in Python 3.11.
 _ARCING, _SHORTING = RunEvent.ARCING, RunEvent.SHORTING
-STALL_S = 60.0
-"""A cut that moves less than `STALL_SHARE` of the forecast feed for this long is stalled. Our choice: six jumps."""
+STALL_S = 60.0  # a cut with less than `STALL_SHARE` of the forecast feed is stalled. Our choice: six jumps
 STALL_SHARE = 0.05  # of the forecast feed; bad flushing alone leaves more than half of it
 JUMP_AFTER_S = 0.5 * STALL_S  # after this time a jump is tried, whatever the recipe
 LONGEST_SHARE = 3.0  # longest machining time of a job relative to its forecast
@@ -57,12 +54,9 @@ class RatioLimits:
         since_s = self._since_s.get(code)
         if since_s is None:
             self._since_s[code] = now_s
-            self._run.warn(
-                code,
-                f"{100 * ratio:.0f} % {name} in the last {RATIO_WINDOW_S:.0f} s; "
-                f"the limit is {100 * limit:.0f} %.",
-                {"ratio": ratio, "limit": limit},
-            )
+            window = f"{100 * ratio:.0f} % {name} in the last {RATIO_WINDOW_S:.0f} s"
+            args = {"ratio": ratio, "limit": limit}
+            self._run.warn(code, f"{window}; the limit is {100 * limit:.0f} %.", args)
             return False
         return now_s - since_s > UNSTABLE_S
 
@@ -114,14 +108,11 @@ class TimeLimits:
         self._before_s = run.tally.machining_time_s
 
     def left(self) -> TimeLeft:
-        """Return the limit that comes first."""
-        job_s = self._run.profile.limits.max_time_s
-        whole = TimeLeft(job_s - self._run.machine.time_s, f"limits.max_time_s allows the job {job_s:.0f} s")
-        machined_s = self._run.tally.machining_time_s - self._before_s
-        machining = TimeLeft(
-            self._machining_s - machined_s, f"the forecast allows {self._machining_s:.0f} s of machining"
-        )
-        return min(whole, machining, key=lambda left: left.seconds)
+        run, job_s = self._run, self._run.profile.limits.max_time_s
+        machined_s = run.tally.machining_time_s - self._before_s
+        whole = TimeLeft(job_s - run.machine.time_s, f"limits.max_time_s allows the job {job_s:.0f} s")
+        limit = f"the forecast allows {self._machining_s:.0f} s of machining"
+        return min(whole, TimeLeft(self._machining_s - machined_s, limit), key=lambda left: left.seconds)
 
 
 def stroke_left_um(estimator: Estimator, limit_v: float) -> float:
@@ -142,50 +133,36 @@ def rise_um(estimator: Estimator, limit_v: float, time_s: float) -> float:
 FEED_WINDOW_S = 2.0
 BASE_S = 20.0
 FEED_FACTOR = 1.6  # mean feed of the last 2 s relative to the median of the last 20 s
-DEPTH_SHARE = 0.15
-"""Largest distance of the depth from the thickness, besides its uncertainty: the wear in it is only expected."""
+DEPTH_SHARE = 0.15  # distance of depth and thickness besides its uncertainty: the wear in it is only expected
 OPEN_S = 1.0
 OPEN_MORE = 0.10  # rise of the share of open pulses in the last second over that of the last 20 s
 FREEZE_S = 0.5  # time after a jump without detection
 
 
-def is_near_back(depth_um: float, depth_u_um: float, thickness_um: float) -> bool:
+def is_near_back(depth: Value, thickness_um: float) -> bool:
     """Return whether the hole may be open by its depth."""
-    return abs(depth_um - thickness_um) <= DEPTH_SHARE * thickness_um + CLEAR_SIGMAS * depth_u_um
+    return abs(depth.value - thickness_um) <= DEPTH_SHARE * thickness_um + CLEAR_SIGMAS * depth.u
 
 
 class Breakthrough:
     """Detects the breakthrough of one cut through a sheet of `thickness_um`, slice by slice.
 
-    `at_um` is the displacement at which the sheet broke through, NaN before; `message` states the evidence. Feeds
-    and shares of open pulses are the newest, and the usual ones before.
+    `at_um` is the displacement at which the sheet broke through, NaN before; `message` states the evidence.
+    `feed_um_s` is the newest mean feed.
     """
 
     def __init__(self, thickness_um: float) -> None:
         self._thickness_um = thickness_um
-        self._last_um = math.nan
-        self._freeze_s = 0.0
-        self._seconds = 0.0
+        self._last_um = self.at_um = math.nan
+        self._freeze_s = self._seconds = self._span_s = 0.0
         self._base: deque[tuple[float, float, float]] = deque()
-        self._span_s = 0.0
-        self.at_um = math.nan
+        self.feed_um_s = self._open_share = 0.0
         self.message = ""
-        self.feed_um_s = self.usual_feed_um_s = self.open_share = self.usual_open_share = 0.0
 
     def update(
-        self,
-        duration_s: float,
-        displacement_um: float,
-        depth_um: float,
-        depth_u_um: float,
-        open_share: float,
-        *,
-        sparking: bool,
+        self, duration_s: float, displacement_um: float, depth: Value, open_share: float, *, sparking: bool
     ) -> bool:
-        """Take a slice; return True once, when the sheet has broken through.
-
-        `depth_um` is the estimated depth, `depth_u_um` its standard uncertainty.
-        """
+        """Take a slice with the estimated depth; return True once, when the sheet has broken through."""
         if not sparking:
             self._freeze_s, self._last_um = FREEZE_S, math.nan
             return False
@@ -195,49 +172,40 @@ class Breakthrough:
         last_um, self._last_um = self._last_um, displacement_um
         if math.isnan(last_um):
             return False
-        self._follow(duration_s, (displacement_um - last_um) / duration_s, open_share)
+        speed_um_s = (displacement_um - last_um) / duration_s
+        self._seconds += duration_s
+        self.feed_um_s += duration_s / min(FEED_WINDOW_S, self._seconds) * (speed_um_s - self.feed_um_s)
+        self._open_share += duration_s / min(OPEN_S, self._seconds) * (open_share - self._open_share)
+        self._base.append((duration_s, self.feed_um_s, self._open_share))
+        self._span_s += duration_s
+        while self._span_s > BASE_S:
+            self._span_s -= self._base.popleft()[0]
         if not math.isnan(self.at_um) or self._span_s < 0.5 * BASE_S:
             return False
-        if not is_near_back(depth_um, depth_u_um, self._thickness_um):
+        if not is_near_back(depth, self._thickness_um):
             return False
         _, feeds, shares = zip(*self._base, strict=True)
-        self.usual_feed_um_s = sorted(feeds)[len(feeds) // 2]
-        self.usual_open_share = sum(shares) / len(shares)
-        is_faster = self.feed_um_s > FEED_FACTOR * self.usual_feed_um_s
-        if not is_faster or self.open_share <= self.usual_open_share + OPEN_MORE:
+        usual_um_s, usual_share = sorted(feeds)[len(feeds) // 2], sum(shares) / len(shares)
+        is_faster = self.feed_um_s > FEED_FACTOR * usual_um_s
+        if not is_faster or self._open_share <= usual_share + OPEN_MORE:
             return False
         self.at_um = displacement_um
         self.message = (
-            f"Broke through at {self.at_um:.1f} µm: the feed rose from {self.usual_feed_um_s:.2f} to "
-            f"{self.feed_um_s:.2f} µm/s, open pulses from {100 * self.usual_open_share:.0f} to "
-            f"{100 * self.open_share:.0f} %."
+            f"Broke through at {self.at_um:.1f} µm: the feed rose from {usual_um_s:.2f} to {self.feed_um_s:.2f} "
+            f"µm/s, open pulses from {100 * usual_share:.0f} to {100 * self._open_share:.0f} %."
         )
         return True
 
-    def on_spark_loss(self, spark_um: float, depth_um: float, depth_u_um: float, lost: str) -> bool:
+    def on_spark_loss(self, spark_um: float, depth: Value, lost: str) -> bool:
         """Take the end of all discharges, the last at `spark_um`; return whether the sheet has broken through."""
-        if not is_near_back(depth_um, depth_u_um, self._thickness_um):
+        if not is_near_back(depth, self._thickness_um):
             return False
         self.at_um, self.message = spark_um, f"Broke through at {spark_um:.1f} µm: {lost}."
         return True
 
-    def _follow(self, duration_s: float, speed_um_s: float, open_share: float) -> None:
-        self._seconds += duration_s
-        self.feed_um_s += duration_s / min(FEED_WINDOW_S, self._seconds) * (speed_um_s - self.feed_um_s)
-        self.open_share += duration_s / min(OPEN_S, self._seconds) * (open_share - self.open_share)
-        self._base.append((duration_s, self.feed_um_s, self.open_share))
-        self._span_s += duration_s
-        while self._span_s > BASE_S:
-            self._span_s -= self._base.popleft()[0]
-
 
 class SparkLoss:
-    """Follows the tool since the last spark.
-
-    limit_um, limit_s : way and time of open pulses that are too much
-
-    `spark_um` is the displacement at the last spark, NaN before the first slice.
-    """
+    """Open pulses for over `limit_um` or `limit_s` since the last spark, at `spark_um` (NaN before the first)."""
 
     def __init__(self, limit_um: float, limit_s: float) -> None:
         self._limit_um, self._limit_s = limit_um, limit_s

@@ -6,6 +6,7 @@ The controller keeps the gap; the supervisor only watches, reports, and decides 
 from __future__ import annotations
 
 import math
+import operator
 from collections import deque
 from collections.abc import Sequence
 from enum import StrEnum
@@ -13,8 +14,13 @@ from typing import Any
 
 from edmctl.machine.interface import SLICE_S, MachineState, MachineStatus, TelemetryBlock, host_fault
 from edmctl.planning.forecast import forecast
-from edmctl.procedures.hole.cut_planning import CutPlan, discharge_energy_j, energy_of
-from edmctl.procedures.hole.hole_estimate import estimate_in_cut, with_unseen
+from edmctl.procedures.hole.cut_planning import (
+    CutPlan,
+    discharge_energy_j,
+    energy_of,
+    estimate_in_cut,
+    with_unseen,
+)
 from edmctl.procedures.job import Counts, RunningCut, target_of
 from edmctl.procedures.monitoring.watch import NEWEST_S
 from edmctl.procedures.run import JobRun
@@ -31,16 +37,16 @@ from edmctl.procedures.servo.limits import (
 from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v, telemetry_settings
 from edmctl.process.live_erosion import Energy
 from edmctl.record.rows import RunEvent, SlowRow
+from edmctl.results.declared import shared
 from edmctl.results.progress import Phase
 from edmctl.results.telemetry import BlockSummary, PulseShares, pulse_shares
 
 
 class TelemetrySums:
-    """Sums over the slices of one cut or pass.
+    """Sums over the slices of one cut or pass: pulses by class (open, normal, arc, short), energy of the discharges.
 
-    `counts` are its pulses by class (open, normal, arc, short), `energy_j` is the energy of its discharges and
-    `power_w` their mean power in the newest slice. `duty_v` is the mean voltage of an open gap,
-    `displacement_um` the newest while sparking.
+    `power_w` is their mean power in the newest slice, `duty_v` the mean voltage of an open gap, `displacement_um`
+    the newest while sparking.
     """
 
     def __init__(self, run: JobRun, start_s: float) -> None:
@@ -53,17 +59,10 @@ class TelemetrySums:
         self._sample_s = 1e-6 * telemetry_settings(run.profile, run.setup).period_us
         self._window: deque[tuple[float, float, Counts]] = deque()
         self._window_counts = [0, 0, 0, 0]
-        self._gap_ratio_sum = 0.0
-        self._gap_samples = 0
+        self._gap_ratio_sum, self._gap_samples = 0.0, 0
         self._newest_s = math.nan
-        self.counts = [0, 0, 0, 0]
-        self.energy_j = self.power_w = 0.0
-
-    @property
-    def total(self) -> Counts:
-        """The pulses by class."""
-        opens, normals, arcs, shorts = self.counts
-        return opens, normals, arcs, shorts
+        self.counts: Counts = (0, 0, 0, 0)
+        self.energy_j = self.power_w = self.time_s = 0.0
 
     @property
     def ratios(self) -> PulseShares:
@@ -73,17 +72,11 @@ class TelemetrySums:
         end_s, duration_s, oldest = self._window[0]
         before_s = self._newest_s - RATIO_WINDOW_S - (end_s - duration_s)
         left_out = min(max(before_s / duration_s, 0.0), 1.0)
-        opens, normals, arcs, shorts = self._window_counts
-        return pulse_shares(
-            opens - left_out * oldest[0],
-            normals - left_out * oldest[1],
-            arcs - left_out * oldest[2],
-            shorts - left_out * oldest[3],
-        )
+        counts = (count - left_out * old for count, old in zip(self._window_counts, oldest, strict=True))
+        return pulse_shares(*counts)
 
     @property
     def window_is_full(self) -> bool:
-        """Whether the samples cover the window."""
         end_s, duration_s, _ = self._window[0]
         return self._newest_s - end_s + duration_s >= 0.9 * RATIO_WINDOW_S
 
@@ -107,8 +100,9 @@ class TelemetrySums:
         self.energy_j += energy_j
         self.power_w = energy_j / duration_s
         self._window.append((self._newest_s, duration_s, fresh))
+        opens, normals, arcs, shorts = map(operator.add, self.counts, fresh)
+        self.counts = (opens, normals, arcs, shorts)
         for i, number in enumerate(fresh):
-            self.counts[i] += number
             self._window_counts[i] += number
         while self._window[0][0] <= self._newest_s - RATIO_WINDOW_S:
             for i, number in enumerate(self._window.popleft()[2]):
@@ -130,28 +124,21 @@ class TelemetrySums:
     ) -> None:
         """Put the sums into the tally; record and report the progress, which `values` complete."""
         run, tally, duty_v = self._run, self._run.tally, self.duty_v
-        cut_s = max(0.0, seen.end_s - self._start_s)
-        tally.depth_um, tally.machining_time_s = depth_um, self._machined_before_s + cut_s
-        tally.cut = RunningCut(self.total, self.energy_j, cut_s, sparked_um)
-        progress = run.progress(
-            time_s=seen.end_s, gap_v=seen.gap_mean_v, displacement_um=self.displacement_um, **values
-        )
-        ratios = progress.ratios
+        self.time_s = max(0.0, seen.end_s - self._start_s)
+        tally.depth_um, tally.machining_time_s = depth_um, self._machined_before_s + self.time_s
+        tally.cut = RunningCut(self.counts, self.energy_j, self.time_s, sparked_um)
+        here_um, gap_v = self.displacement_um, seen.gap_mean_v
+        progress = run.progress(time_s=seen.end_s, gap_v=gap_v, displacement_um=here_um, **values)
+        shares = progress.ratios
         run.recorder.append(
             SlowRow(
-                time_s=progress.time_s,
-                feed_um_s=progress.feed_um_s,
+                **shared(SlowRow, progress),
                 gap_ratio=progress.gap_v / duty_v,
                 gap_ratio_ref=progress.reference_v / duty_v,
-                ratio_open=ratios.open,
-                ratio_normal=ratios.normal,
-                ratio_arc=ratios.arc,
-                ratio_short=ratios.short,
-                depth_um=progress.depth_um,
-                depth_u95_um=progress.depth_u95_um,
-                wear_um=progress.wear_um,
-                wear_u95_um=progress.wear_u95_um,
-                jump_period_s=progress.jump_period_s,
+                ratio_open=shares.open,
+                ratio_normal=shares.normal,
+                ratio_arc=shares.arc,
+                ratio_short=shares.short,
                 power_w=self.power_w,
                 dielectric_c=math.nan if status is None else status.temperature_c,
                 flow_lpm=math.nan if status is None else status.flow_lpm,
@@ -161,13 +148,10 @@ class TelemetrySums:
         run.observer.progress(progress)
 
 
-FEED_WINDOW_S = 10.0
-"""Mean feed is taken over this: one jump period, 3 µm at 0.3 µm/s, twenty times the sensor's noise."""
-OVERRUN_SHARE = 0.05
-"""A cut that is deeper than the target by this share of it has not ended where it should."""
+FEED_WINDOW_S = 10.0  # one jump period, 3 µm at 0.3 µm/s, twenty times the sensor's noise
+OVERRUN_SHARE = 0.05  # a cut deeper than the target by this share has not ended where it should
 LEAST_OVERRUN_UM = 3.0  # least allowance, for the servo's swing and the sensor's noise at a shallow target
-STROKE_RESERVE_UM = 5.0
-"""Stroke that a cut leaves: the bottom must be touched after the cut, a working gap further."""
+STROKE_RESERVE_UM = 5.0  # left for the touch of the bottom after the cut, a working gap further
 NEAR_THE_END_UM = 60.0  # stroke by the mean gain below which the model computes the rest
 
 SWING_UM = 0.5  # largest distance of a tool at the bottom from its deepest place: the servo's swing
@@ -188,9 +172,8 @@ class StopReason(StrEnum):
 class Supervisor(TelemetrySums):
     """Follows the telemetry of one cut that begins at `start_s`; keeps its sums and the tally of the job.
 
-    `stop_reason` is set when the cut should end, with the figures in `message`. `adaptive` has the settings for
-    servo and generator. The cut sets `jumps`, `last_jump_s`, `reference_v` (the mean gap voltage that the servo
-    keeps) and `status` (with the dielectric).
+    `stop_reason` is set when the cut should end, with the figures in `message`. The cut sets `jumps`, `last_jump_s`,
+    `reference_v` (the mean gap voltage that the servo keeps) and `status` (with the dielectric).
     """
 
     def __init__(self, run: JobRun, plan: CutPlan, start_s: float) -> None:
@@ -209,10 +192,9 @@ class Supervisor(TelemetrySums):
         self.shorts = ShortRecovery()
         self._newest = round(NEWEST_S / self._sample_s)
         self.breakthrough = Breakthrough(profile.work.thickness_um)
-        self.sparking_s = 0.0
+        self.sparking_s, self.jumps = 0.0, 0
         self.seen_s = self.last_jump_s = math.nan
-        self.jumps = 0
-        self._feed_target_um = plan.feed_um if math.isnan(plan.target_um) else math.nan
+
         self._spark_um = plan.start.bottom_um - plan.start.gap_um
         self._deepest_um = -math.inf
         self._near_the_end = False
@@ -221,7 +203,6 @@ class Supervisor(TelemetrySums):
 
     @property
     def is_through(self) -> bool:
-        """Whether the sheet has broken through."""
         return not math.isnan(self.breakthrough.at_um)
 
     @property
@@ -237,10 +218,7 @@ class Supervisor(TelemetrySums):
         return self.displacement_um >= self.breakthrough.at_um + self._completion_um
 
     def slice_s(self, now_s: float) -> float:
-        """Return for how long the cut needs no attention.
-
-        It is watched closely near the end of the stroke and in a sheet; jumps and reactions to a stall are on time.
-        """
+        """Return for how long the cut needs no attention: short near the end of the stroke and in a sheet."""
         longest_s = self._run.machine.slice_s
         due_s = min(self.adaptive.clock_due_s, self._stall.due_s) - now_s
         if self._through or self._near_the_end:
@@ -258,15 +236,13 @@ class Supervisor(TelemetrySums):
         return None
 
     def jumped(self, code: RunEvent, now_s: float) -> None:
-        """Take a jump that was made."""
         self._stall.jump_wanted = False
         if code is RunEvent.SHORT_RECOVERY:
             self.shorts.jumped()
         self.adaptive.jumped(now_s)
 
     def on_telemetry(self, block: TelemetryBlock) -> None:
-        """Take the samples of one slice."""
-        seen, heights_um = block.summary, block.displacement_um.tolist()
+        seen, heights_um, plan = block.summary, block.displacement_um.tolist(), self._plan
         now_s, machining = seen.end_s, seen.state == _MACHINING
         fresh, duration_s = self.add(seen), self.duration_s(seen)
         self._note_sparks(block, heights_um)
@@ -282,38 +258,37 @@ class Supervisor(TelemetrySums):
         if self._ratio_limits.update(now_s, ratios, window_is_full=self.window_is_full):
             self.stop_reason = StopReason.UNSTABLE
         energy = energy_of(self._run.profile.pulse, self)
-        erosion = self._plan.at(self.sparked_at_um, energy, now_s)
-        depth_um = erosion.depth_um
+        erosion = plan.at(self.sparked_at_um, energy, now_s)
         self.sparking_s += duration_s if machining else 0.0
         _, _, arcs, shorts = fresh
         self.adaptive.update(duration_s, sum(fresh), arcs, shorts, sparking=machining)
         self.shorts.update(duration_s, sum(fresh), shorts, sparking=machining)
         if self._through:
             self._look_for_the_back(duration_s, fresh, energy, now_s, sparking=machining)
-        depth, wear = self._plan.stated(erosion)
+        depth, wear = plan.stated(erosion)
         self.report(
             seen,
-            math.nan if self.is_through else depth_um,
+            math.nan if self.is_through else depth.value,
             self.sparked_at_um,
             self.status,
             phase=_PHASE[machining],
             reference_v=self.reference_v,
             ratios=ratios,
-            depth_target_um=self._plan.target_um,
-            time_left_s=self._time_left_s(now_s, depth_um),
+            depth_target_um=plan.target_um,
+            time_left_s=self._time_left_s(now_s, depth.value),
             depth_u95_um=depth.u95,
-            step=f"cut {self._plan.number}",
-            feed_um=depth_um + erosion.wear_um,
-            feed_target_um=self._feed_target_um,
+            step=f"cut {plan.number}",
+            feed_um=depth.value + wear.value,
+            feed_target_um=plan.feed_um if math.isnan(plan.target_um) else math.nan,
             feed_um_s=self._feed_um_s(now_s),
-            wear_um=erosion.wear_um,
+            wear_um=wear.value,
             wear_u95_um=wear.u95,
             jumps=self.jumps,
             jump_period_s=self.adaptive.period_s,
             last_jump_s=self.last_jump_s,
         )
         if machining:
-            self._look_for_the_end(float(block.actuator_v[-1]), depth_um)
+            self._look_for_the_end(float(block.actuator_v[-1]), depth.value)
 
     def _note_sparks(self, block: TelemetryBlock, heights_um: list[float]) -> None:
         """Find where the tool sparked last; if the host was delayed, the cut may have ended within the block."""
@@ -337,20 +312,20 @@ class Supervisor(TelemetrySums):
         opens, pulses = fresh[0], sum(fresh)
         if pulses == 0:
             return
-        plan, seen = self._plan, self.breakthrough
+        plan, back, here_um = self._plan, self.breakthrough, self.displacement_um
         # Before the first hole was measured the recipe alone divides the feed.
         estimate = estimate_in_cut(plan, self.sparked_at_um, energy, now_s)
-        estimate = with_unseen(estimate, 0.0, plan.wear_ratio, is_confirmed=plan.estimate.fits > 0)
-        depth_um, depth_u_um, share = estimate.depth_um, estimate.depth.u, opens / pulses
-        found = seen.update(duration_s, self.displacement_um, depth_um, depth_u_um, share, sparking=sparking)
+        estimate = with_unseen(estimate, 0.0, plan.estimate.wear_ratio, is_confirmed=plan.estimate.fits > 0)
+        depth = estimate.depth
+        is_through = back.update(duration_s, here_um, depth, opens / pulses, sparking=sparking)
         if sparking and not self.is_through:
-            lost = self._spark_loss.update(duration_s, self.displacement_um, pulses, opens)
-            found = bool(lost) and seen.on_spark_loss(self._spark_loss.spark_um, depth_um, depth_u_um, lost)
-            if lost and not found:
+            lost = self._spark_loss.update(duration_s, here_um, pulses, opens)
+            is_through = bool(lost) and back.on_spark_loss(self._spark_loss.spark_um, depth, lost)
+            if lost and not is_through:
                 raise host_fault("NO_SPARK", f" ({lost})")
-        if found:
-            args = {"displacement_um": seen.at_um, "depth_um": depth_um, "feed_um_s": seen.feed_um_s}
-            self._run.decide(RunEvent.BREAKTHROUGH, seen.message, args)
+        if is_through:
+            args = {"displacement_um": back.at_um, "depth_um": depth.value, "feed_um_s": back.feed_um_s}
+            self._run.decide(RunEvent.BREAKTHROUGH, back.message, args)
 
     def _feed_um_s(self, now_s: float) -> float:
         track = self._track
@@ -372,7 +347,8 @@ class Supervisor(TelemetrySums):
         if self.is_through:
             left_um = self.breakthrough.at_um + self._completion_um - self.displacement_um
         elif not math.isnan(self._plan.target_um):
-            left_um = (self._plan.target_um - depth_um) * (1.0 + self._plan.wear_ratio) + self._completion_um
+            whole = 1.0 + self._plan.estimate.wear_ratio
+            left_um = (self._plan.target_um - depth_um) * whole + self._completion_um
         return max(0.0, left_um) / feed_um_s
 
     def _look_for_the_end(self, actuator_v: float, depth_um: float) -> None:
@@ -381,20 +357,14 @@ class Supervisor(TelemetrySums):
         if self._through or math.isnan(wanted_um):
             what, done_um = "feed", self._plan.fed_um(self.displacement_um)
             wanted_um = self._plan.feed_um
+        message, limit_v = "", self._run.profile.limits.stroke_v_max
+        rest_um = self._run.setup.actuator.gain_um_per_v * (limit_v - actuator_v)
         if done_um > wanted_um + max(LEAST_OVERRUN_UM, OVERRUN_SHARE * wanted_um):
-            self._end(f"the estimated {what} is {done_um:.1f} of {wanted_um:.1f} µm")
-            return
-        limit_v = self._run.profile.limits.stroke_v_max
-        if self._run.setup.actuator.gain_um_per_v * (limit_v - actuator_v) > NEAR_THE_END_UM:
-            return
-        estimator = self._run.watch.estimator()
-        if estimator is None:
-            return
-        left_um = stroke_left_um(estimator, limit_v)
-        self._near_the_end = left_um < 2.0 * STROKE_RESERVE_UM
-        if left_um < STROKE_RESERVE_UM:
-            self._end(f"{left_um:.1f} µm of stroke are left at {actuator_v:.1f} of {limit_v:.0f} V")
-
-    def _end(self, message: str) -> None:
-        if self.stop_reason is None:
+            message = f"the estimated {what} is {done_um:.1f} of {wanted_um:.1f} µm"
+        elif rest_um <= NEAR_THE_END_UM and (estimator := self._run.watch.estimator()) is not None:
+            left_um = stroke_left_um(estimator, limit_v)
+            self._near_the_end = left_um < 2.0 * STROKE_RESERVE_UM
+            if left_um < STROKE_RESERVE_UM:
+                message = f"{left_um:.1f} µm of stroke are left at {actuator_v:.1f} of {limit_v:.0f} V"
+        if message and self.stop_reason is None:
             self.stop_reason, self.message = StopReason.ENDED, message

@@ -1,8 +1,7 @@
 """The approach to the spark gap from above, and the bottom of a hole, touched and compared with the expected one.
 
-A bottom at or above where the tool has just sparked is impossible, and one that is shorter than the working gap
-allows has debris on it. The tool is lifted high so that oil washes it away, and touches again. A doubt that remains
-widens the interval.
+A bottom at or above the last sparks is impossible, and one that is shorter than the working gap allows has debris on
+it. The tool is lifted so that oil washes it away, and touches again. A doubt that remains widens the interval.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from __future__ import annotations
 import math
 
 from edmctl.actuator.inverse import ramp_by
-from edmctl.dataclasses import dataclass, replace
+from edmctl.dataclasses import replace
 from edmctl.machine.interface import MachineEvent
 from edmctl.planning.removal import approach_speed_um_s
 from edmctl.procedures.run import JobRun, rest_and_look
@@ -24,31 +23,23 @@ from edmctl.record.rows import RejectedTouch, RunEvent
 from edmctl.results.measurements import SurfaceFound
 from edmctl.results.progress import Phase
 
-ABOVE_BOTTOM_UM = 15.0
-"""A later cut is approached fast to this far above the highest possible bottom, then at the approach speed."""
-UNKNOWN_SDS = 4.0
-"""Range of a surface in standard uncertainties of its height: exceeded once in 16 000 ramps."""
+ABOVE_BOTTOM_UM = 15.0  # a later cut is approached fast to this far above the highest possible bottom
+UNKNOWN_SDS = 4.0  # range of a surface in standard uncertainties of its height: exceeded in 1 of 16 000 ramps
 BEYOND_BOTTOM_UM = 15.0  # no spark this far beyond the last bottom is a fault
 SURFACE_U_UM = 3.5  # standard uncertainty of the gap at 0 V before it is touched
-_STEEPEST = 1.35
-"""Steepest local slope of the actuator over its mean gain, with a margin, so that a step never overshoots."""
-_SHORT_SHARE = 0.03
-"""A step by the actuator model ends short by this share: three times its error, so that it does not overshoot."""
+_STEEPEST = 1.35  # steepest local slope of the actuator over its mean gain, with a margin: no step overshoots
+_SHORT_SHARE = 0.03  # steps by the actuator model end short by three times its error, so that none overshoots
 _NEAR_UM = 3.0
 _SHORT_UM = 1.5  # and by this at least: after a long ramp the actuator creeps by a micrometre
 _STEPS = 20
 _SETTLE_S = 0.2
-CLEAR_OF_BOTTOM_UM = 60.0
-"""Before the bottom is touched the tool rises by this: clear of 20 µm for the contact check."""
+CLEAR_OF_BOTTOM_UM = 60.0  # the tool rises by this before a touch: clear of 20 µm for the contact check
 MORE_LOOKS = 2  # further touches of a doubted bottom
 WASHING_STROKES = 3  # strokes of the tool before each of them, so that oil removes loose debris
 
 
 def approach_bottom(run: JobRun, bottom_um: float, bottom_u_um: float) -> MachineEvent:
-    """Feed from 0 V to the first sparks at a bottom whose height has a standard uncertainty; return the sparks.
-
-    The ramp ends above the highest possible bottom, and the search continues below the lowest one.
-    """
+    """Feed from 0 V to the first sparks at a bottom, from above its highest place to below its lowest."""
     run.begin(Phase.APPROACHING)
     unknown_um = UNKNOWN_SDS * bottom_u_um
     lower_to(run, bottom_um - ABOVE_BOTTOM_UM - unknown_um)
@@ -127,30 +118,21 @@ def _approach(run: JobRun, max_travel_um: float) -> MachineEvent:
     return event
 
 
-@dataclass(frozen=True, slots=True)
-class ExpectedBottom:
-    """A bottom expected at `way_um`, with a standard uncertainty of `u_um`, below its highest place `above_um`.
+def read_expected(
+    run: JobRun, place: str, above_um: float, way_um: float, u_um: float, source: str
+) -> SurfaceReading:
+    """Touch a bottom below the tool, again if it is not where expected; a doubt that remains widens the reading.
 
-    `source` names the evidence.
+    It is expected `way_um` below its highest place `above_um`, with a standard uncertainty of `u_um`, by `source`.
     """
-
-    above_um: float
-    way_um: float
-    u_um: float
-    source: str
-
-
-def read_expected(run: JobRun, place: str, expected: ExpectedBottom) -> SurfaceReading:
-    """Touch a bottom below the tool, again if it is not where expected; a doubt that remains widens the reading."""
-    above_um, way_um, u_um = expected.above_um, expected.way_um, expected.u_um
     z2 = take_reading(run, "Z2", place, above_um + way_um, u_um)
 
     def report_doubt(what_now: str) -> None:
-        way = f"{abs(off.um):.2f} ± {half_width(off.u_um):.2f} µm {'short of' if off.um < 0.0 else 'beyond'}"
-        chip = " (a chip?)" if off.um < 0.0 else ""
+        side, chip = ("short of", " (a chip?)") if off.um < 0.0 else ("beyond", "")
         run.warn(
             RunEvent.TOUCH_DOUBTED,
-            f"Z2 = {z2.z_um:.2f} µm is {way} where {expected.source} put the bottom{chip}. {what_now}",
+            f"Z2 = {z2.z_um:.2f} µm is {abs(off.um):.2f} ± {half_width(off.u_um):.2f} µm {side} where {source} put "
+            f"the bottom{chip}. {what_now}",
             {"kind": "Z2", "off_um": off.um, "u_um": off.u_um, "z_um": z2.z_um},
         )
 

@@ -22,8 +22,7 @@ from edmctl.results.progress import Phase
 from edmctl.wording import decimal
 
 FAST_LEG_MARGIN_UM = 3.0  # the fast leg ends this far above the predicted contact
-FAST_SIGMAS = 2.0
-"""And by this many standard uncertainties of it: a tool that meets the work on that leg returns slowly."""
+FAST_SIGMAS = 2.0  # and this many standard uncertainties: a tool that meets the work then returns slowly
 BEYOND_PREDICTION_UM = 15.0  # no contact this far beyond the predicted one is a fault
 BEYOND_SIGMAS = 3.0  # and this many standard uncertainties
 NO_CONTACT = "E62005"  # no contact up to the end of a search
@@ -33,12 +32,12 @@ _TELEMETRY_LAG_S = 0.2  # after this, the samples around the last event have arr
 
 @dataclass(frozen=True, slots=True)
 class SurfaceReading:
-    """Where the tool met a surface: by the sensor (`reading`), and by the actuator model (`model_um`).
+    """Where the tool met a surface: by the sensor (`reading`), and by the actuator model (`model_um`, zero
+    `zero_um`).
 
-    Without a sensor both are the model's. `zero_um` is the zero of the model since the rest before, `creep_um` the
-    creep since then that the model extrapolates. `doubt_u_um` is an additional standard uncertainty of doubted
-    touches, `debris_um` the height of debris where the surface was touched first. `step` is how much further the
-    second of two spots is than the first, if both count; `rest` the rest before, if drift is followed.
+    Without a sensor both are the model's. `creep_um` is the creep since the last rest that the model extrapolates,
+    `doubt_u_um` an additional standard uncertainty of doubted touches, `debris_um` the height of debris at the first
+    spot. `step` is how much further the second of two spots is, if both count; `rest` the rest before, if any.
     """
 
     kind: str
@@ -55,7 +54,6 @@ class SurfaceReading:
 
     @property
     def z_um(self) -> float:
-        """Mean displacement at contact."""
         return self.reading.mean_um
 
     def shifted(self, way_um: float) -> SurfaceReading:
@@ -90,16 +88,10 @@ class Search:
 
 
 def search_near(run: JobRun, predicted_um: float, u_um: float, deepest_um: float = -math.inf) -> Search:
-    """Return the search by the recipe for a contact at `predicted_um`, with a standard uncertainty of `u_um`.
-
-    It ends beyond `deepest_um` if that is further than the uncertainty.
-    """
-    return Search(
-        fast_to_um=predicted_um - FAST_LEG_MARGIN_UM - FAST_SIGMAS * u_um,
-        z_max_um=max(predicted_um + BEYOND_SIGMAS * u_um, deepest_um) + BEYOND_PREDICTION_UM,
-        touches=run.profile.measure.touches,
-        settle_s=run.profile.measure.settle_s,
-    )
+    """Return the search by the recipe for a contact at `predicted_um`; it ends beyond `deepest_um` at least."""
+    measure, fast_to_um = run.profile.measure, predicted_um - FAST_LEG_MARGIN_UM - FAST_SIGMAS * u_um
+    z_max_um = max(predicted_um + BEYOND_SIGMAS * u_um, deepest_um) + BEYOND_PREDICTION_UM
+    return Search(fast_to_um, z_max_um, measure.touches, measure.settle_s)
 
 
 def take_reading(
@@ -134,8 +126,14 @@ def take_reading_in(run: JobRun, kind: str, place: str, search: Search) -> Surfa
         touches = run.machine.touch(request)
         run.machine.rest(_TELEMETRY_LAG_S)
         found = _reduced(run, kind, touches)
-        refused = _refusal(run, found)
-        _report(run, place, touches, found, "" if refused is None else refused.message)
+        refused = None
+        if is_constant((found.reading,)):
+            refused = constant(found)
+        elif found.reading.sd_um > measure.max_sd_um:
+            refused = failures.touches_scatter(
+                kind=kind, sd_um=found.reading.sd_um, most_um=measure.max_sd_um
+            )
+        _report(run, place, touches, found, refused.message if refused else "")
         if refused is None:
             run.tally.scatter.add(found.reading)
             tracker = run.watch.tracker()
@@ -144,15 +142,6 @@ def take_reading_in(run: JobRun, kind: str, place: str, search: Search) -> Surfa
             return found
     assert refused is not None
     raise refused
-
-
-def _refusal(run: JobRun, found: SurfaceReading) -> ObjectiveNotReached | None:
-    if is_constant((found.reading,)):
-        return constant(found)
-    most_um = run.profile.measure.max_sd_um
-    if found.reading.sd_um <= most_um:
-        return None
-    return failures.touches_scatter(kind=found.kind, sd_um=found.reading.sd_um, most_um=most_um)
 
 
 def constant(found: SurfaceReading) -> ObjectiveNotReached:
@@ -193,14 +182,13 @@ def _report(run: JobRun, place: str, touches: tuple[Touch, ...], found: SurfaceR
             accepted=not refused,
         )
     )
+    model = "" if math.isnan(found.model_um) else f" (model {decimal(found.model_um, 1)} µm)"
     count = (
         "1 touch" if reading.touches == 1 else f"{reading.touches} touches within {reading.sd_um:.2f} µm rms"
     )
-    model = "" if math.isnan(found.model_um) else f" (model {decimal(found.model_um, 1)} µm)"
-    message = f"{found.kind} = {decimal(reading.mean_um)} µm{model}, {count}."
     run.decide(
         RunEvent.READING_REJECTED if refused else RunEvent.READING,
-        refused or message,
+        refused or f"{found.kind} = {decimal(reading.mean_um)} µm{model}, {count}.",
         {"kind": found.kind, "z_um": reading.mean_um, "model_um": found.model_um, "sd_um": reading.sd_um},
         level=EventLevel.WARNING if refused else EventLevel.INFO,
     )
