@@ -35,7 +35,7 @@ AS_LEVELS = (LEVELS, PAIRS)
 """Models in which numbers are levels without order."""
 OWN_KEYS = {
     "fractional": ("generators", "resolution"),
-    "taguchi": ("array", "columns"),
+    "taguchi": ("array",),
     "ccd": ("alpha",),
     "lhs": ("runs",),
     "sobol": ("runs",),
@@ -358,15 +358,6 @@ def _taguchi(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     design = source.file.design
     counts = [len(f.values) for f in factors]
     array, columns = designs.array_for(counts, design.array)
-    if design.columns:
-        columns = tuple(column - 1 for column in design.columns)
-        are_columns = len(set(columns)) == len(columns) and set(columns) <= set(range(len(array.counts)))
-        source.require(
-            are_columns and [array.counts[column] for column in columns] == counts,
-            f"columns {', '.join(map(str, design.columns))} do not fit the levels of the factors",
-            f"{array.name} has columns of {', '.join(map(str, array.counts))} levels; give one a factor",
-            *("design", "columns"),
-        )
     levels = array.levels[:, list(columns)]
     values = [[f.values[level] for f, level in zip(factors, row, strict=True)] for row in levels.tolist()]
     aliases = _array_aliases(levels, [f.name for f in factors])

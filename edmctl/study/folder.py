@@ -14,7 +14,7 @@ import os
 import secrets
 import shlex
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -304,6 +304,16 @@ class StudyFolder:
         """Return a new writer of rows."""
         return StudyWriter(self.rows)
 
+    def add(
+        self, runs_of: Callable[[StudyState], list[PlannedRun]], wait_s: float = MOMENT_S
+    ) -> list[PlannedRun]:
+        """Add runs that follow from the rows, and return them; commands that add runs do so one after the other."""
+        with self.claimed("suggestions", wait_s), self.writer() as writer:
+            runs = runs_of(self.read())
+            if runs:
+                writer.planned(runs)
+        return runs
+
     @contextmanager
     def claimed(self, part: str = "all", wait_s: float = MOMENT_S) -> Iterator[None]:
         """Hold a lock of the study: `all` to make runs, `suggestions` to add them.
@@ -432,6 +442,8 @@ def open_folder(path: Path) -> StudyFolder:
     Raises UsageError E2101 if it is none, PreconditionError E8202 if one of its files was changed, or if its plan is
     of another version.
     """
+    from pydantic import TypeAdapter
+
     try:
         content = read_bytes(path / PLAN, PLAN_BYTES)
     except OSError as refused:
@@ -447,17 +459,14 @@ def open_folder(path: Path) -> StudyFolder:
         raise failures.study_file_changed(path=path / PLAN)
     try:
         need(are_possible(study))
-        return _folder_of(path, body)
+        return _folder_of(path, TypeAdapter(PlanDocument).validate_json(body, strict=True))
     except (ValueError, ProfileError, UsageError) as refused:
         made_by = study.get("edmctl") if isinstance(study, dict) else None
         raise failures.plan_of_another_version(path=path / PLAN, made_by=made_by) from refused
 
 
-def _folder_of(path: Path, body: bytes) -> StudyFolder:
-    """Return the study of a plan document (JSON). Raises ValueError, ProfileError or UsageError."""
-    from pydantic import TypeAdapter
-
-    study = TypeAdapter(PlanDocument).validate_json(body, strict=True)
+def _folder_of(path: Path, study: PlanDocument) -> StudyFolder:
+    """Check the contents of `plan.json` and the other files. Raises ValueError, ProfileError or UsageError."""
     names = study.sha256.keys()
     need(study.schema == SCHEMA and {STUDY, PROFILE} <= names <= {STUDY, PROFILE, SETUP, CALIBRATION})
     texts: dict[str, bytes] = {}
@@ -480,6 +489,6 @@ def _folder_of(path: Path, body: bytes) -> StudyFolder:
 
 def version_warning(folder: StudyFolder) -> list[Diagnostic]:
     """Return a warning if another version began the study."""
-    if folder.version == __version__:
-        return []
-    return [failures.study_of_another_version(version=folder.version, own_version=__version__)]
+    is_same = folder.version == __version__
+    warning = failures.study_of_another_version(version=folder.version, own_version=__version__)
+    return [] if is_same else [warning]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -80,9 +79,7 @@ def run_on_machine(folder: StudyFolder, options: MachineRuns, observer: SeriesOb
 
 def without_port(folder: StudyFolder) -> list[Diagnostic]:
     """Return a warning if a study with a [machine] is made on virtual machines."""
-    if folder.source.file.machine is None:
-        return []
-    return [failures.study_on_virtual_machines()]
+    return [] if folder.source.file.machine is None else [failures.study_on_virtual_machines()]
 
 
 @dataclass(slots=True)
@@ -102,8 +99,6 @@ class _Series:
             self.observer.runs(len(state.runs) - remaining, len(state.runs))
             if (run := next_run(state)) is None:
                 break
-            if made:
-                self._pause()
             self._make(run)
             made += 1
         return made
@@ -135,7 +130,10 @@ class _Series:
                 self._make(opening)
                 return
             plan, site_um = self._begun(run)
-            if self._needs_approval(run) and not self.options.approve(run, plan):
+            is_suggestion = run.planned.kind in (RunKind.SUGGESTED, RunKind.CONFIRMATION)
+            policy = self.machine.approval
+            needs_approval = policy == "each" or (policy == "suggestions" and is_suggestion)
+            if needs_approval and not self.options.approve(run, plan):
                 raise failures.run_not_approved(number=run.planned.number, value=self._command())
         verb = "making" if resumption is None else "resuming"
         settings = settings_words(run.planned.settings)
@@ -240,11 +238,6 @@ class _Series:
         self.writer.planned([opening_run(state, tool)])
         return self.folder.read().runs[-1]
 
-    def _needs_approval(self, run: StudyRun) -> bool:
-        policy = self.machine.approval
-        is_suggestion = run.planned.kind in (RunKind.SUGGESTED, RunKind.CONFIRMATION)
-        return policy == "each" or (policy == "suggestions" and is_suggestion)
-
     def _stop(self, run: StudyRun, error: EdmError) -> NoReturn:
         is_worn = error.code == WORN_OUT
         worn_tool = _tool_in_use(self.folder.read(), run) if is_worn else None
@@ -270,18 +263,6 @@ class _Series:
         row = row_of(row, plan, result, file, error)
         order = next_order(self.folder.read())
         self.writer.run(replace(row, duration_s=round(duration_s, 3), order=order))
-
-    def _pause(self) -> None:
-        """Wait between two runs; a signal ends the wait as it ends a job."""
-        if not self.machine.pause_s:
-            return
-        around = self.options.surroundings
-        stop = around.stop(self.observer.note)
-        end_s = time.monotonic() + self.machine.pause_s
-        with around.guard(stop, lambda: None):
-            while (remaining_s := end_s - time.monotonic()) > 0:
-                time.sleep(min(0.1, remaining_s))
-                stop.check()
 
     def _command(self) -> str:
         return self.folder.command(self.options.command, "--port", self.options.port)

@@ -149,12 +149,8 @@ class Study:
         return self._added(lambda state: extension_runs(state, is_folded=fold_over))
 
     def _added(self, runs_of: Callable[[StudyState], list[PlannedRun]]) -> list[PlannedRun]:
-        """Add runs that follow from the rows; others who add wait for it."""
-        folder = self._started()
-        with folder.claimed("suggestions", ADDING_S), folder.writer() as writer:
-            found = runs_of(folder.read())
-            writer.planned(found)
-        return found
+        """Add runs that follow from the rows."""
+        return self._started().add(runs_of, ADDING_S)
 
     def tell(self, run: SupportsIndex | PlannedRun, result: Report | Mapping[str, float]) -> None:
         """Report the result of a run: the report of its job, or responses by name.

@@ -52,7 +52,6 @@ class Design(Table):
 
     kind: DesignKind = Field(description="how points are chosen")
     array: str | None = Field(None, description="orthogonal array, e.g. L9 or L18 (2^1 3^7)")
-    columns: list[int] = Field([], description="columns of the array, one a factor, from 1")
     resolution: int | None = Field(None, ge=3, le=9, description="of a fractional factorial")
     generators: list[str] = Field([], description="of a fractional factorial, e.g. D = ABC")
     alpha: float | Literal["face", "rotatable"] = Field("face", description="axial points of a ccd")
@@ -126,7 +125,6 @@ class StudyMachine(Table):
     approval: Literal["none", "suggestions", "each"] = Field(
         "suggestions", description="which runs somebody has to approve before sparks"
     )
-    pause_s: float = Field(0.0, ge=0.0, le=86_400.0, description="between two runs, s")
     first_x_um: float = Field(600.0, ge=-1e6, le=1e6, description="place of the first hole, µm")
     first_y_um: float = Field(0.0, ge=-1e6, le=1e6, description="place of the first hole, µm")
     pitch_x_um: float = Field(500.0, ge=-1e5, le=1e5, description="to the next hole of a row, µm")

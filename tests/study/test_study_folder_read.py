@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.cli.test_files_read import KINDS, made
+from tests.cli.test_files_read import made
 from tests.study import studies
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from edmctl.study.folder import StudyFolder
@@ -37,15 +38,12 @@ def put(folder: Path, file: str, name: str) -> None:
 def write_names(name: str) -> None:
     """Write the files that commands name beside the study's folder."""
     points = studies.SMALL.replace('kind = "full"', f'kind = "csv"\nfile = "{name}"')
-    for file, text in {
-        "ra.csv": "run,ra_um\n1,0.3\n",
-        "study.toml": studies.SMALL,
-        "points.toml": points,
-    }.items():
-        Path(file).write_text(text, encoding="utf-8")
+    Path("ra.csv").write_text("run,ra_um\n1,0.3\n", encoding="utf-8")
+    Path("study.toml").write_text(studies.SMALL, encoding="utf-8")
+    Path("points.toml").write_text(points, encoding="utf-8")
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", tiers("pipe", "vanished", slow=("endless", "folder", "long")))
 @pytest.mark.parametrize("file", FILES)
 def test_what_is_no_file_in_a_study_is_refused(here: Here, whole: StudyFolder, file: str, kind: str) -> None:
     shutil.copytree(whole.path, "DIR")
@@ -61,7 +59,7 @@ def test_what_is_no_file_in_a_study_is_refused(here: Here, whole: StudyFolder, f
         assert "Internal" not in said.err
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", tiers("pipe", "vanished", slow=("endless", "folder", "long")))
 @pytest.mark.parametrize("reader", TABLE_READERS)
 def test_what_is_no_file_beside_a_study_is_refused(
     here: Here, whole: StudyFolder, reader: str, kind: str

@@ -16,17 +16,14 @@ from edmctl.jobs.surroundings import Surroundings
 from edmctl.machine.stop import StopRequest
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.injection import parse_injection
-from edmctl.study.analysis import analysis_of
 from edmctl.study.on_machine import MachineRuns, run_on_machine
-from edmctl.study.report import StudyReport
-from edmctl.study.report.page import render_study_page
 from edmctl.study.results import RunState
 from edmctl.study.running import bare_row
 from edmctl.study.study import Study
 from edmctl.study.suggestions import confirmation_runs
 from edmctl.study.table import what_next
 from tests.serving import serving
-from tests.study.studies import HEAD, MACHINE, SMALL, Unseen, made
+from tests.study.studies import MACHINE, SMALL, Unseen, made
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -226,56 +223,3 @@ def test_a_fault_stops_the_study_and_the_hole_is_resumed_once_it_is_mended(tmp_p
     assert rows[0] is not None
     assert rows[0].run_files == ("run0001-r1.h5",)
     assert [row.exit_code for row in rows if row] == [0] * 4
-
-
-FACTORS = "".join(
-    f"[[factors]]\nkey = '{key}'\nname = '{name}'\nlevels = {levels}\n"
-    for key, name, levels in (
-        ("servo.reference", "reference", [0.70, 0.75, 0.80]),
-        ("pulse.duty", "duty", [0.2, 0.3, 0.4]),
-        ("pulse.frequency_hz", "frequency", [1800.0, 2300.0, 2800.0]),
-    )
-)
-L9 = f"""{HEAD}{FACTORS}
-[design]
-kind = "taguchi"
-array = "L9"
-replicates = 2
-
-[[responses]]
-name = "machining_time_s"
-log = true
-
-[[responses]]
-name = "wear_um"
-
-[machine]
-holes_per_tool = 11
-"""
-
-
-@pytest.mark.full
-def test_an_array_with_replicates_is_made_through_a_line_with_a_tool_change_and_an_interruption(
-    tmp_path: Path,
-) -> None:
-    folder = made(tmp_path, L9)
-    bench = open_bench(BenchConfig(), 11)
-    with serving(bench) as port:
-        assert run_on_machine(folder, options(folder, port=port, most=3), Unseen()) == 3
-        interrupted(folder, port=port)
-        assert refused(folder, port=port) == "E8204"
-        assert run_on_machine(folder, options(folder, port=port, new_tool=True), Unseen()) == 11
-    state = folder.read()
-    assert all(run.state is RunState.DONE for run in state.runs)
-    assert len(state.runs) == 22
-    resumed = state.run(4).row
-    assert resumed is not None
-    assert resumed.run_files == ("run0004-r1.h5",)
-    found = analysis_of(state)
-    table = next(one.anova for one in found.responses if one.name == "machining_time_s")
-    assert table is not None
-    assert {row.name for row in table.rows} == {"block", "reference", "duty", "frequency"}
-    assert table.rows[1].p < 0.01
-    assert "machining_time_s" in render_study_page(StudyReport(found, state.runs))
-    holes = [(hole.x_um, hole.y_um) for hole in bench.truth()]
-    assert len({(round(x_um / 100), round(y_um / 100)) for x_um, y_um in holes}) == 22

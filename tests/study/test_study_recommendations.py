@@ -231,7 +231,7 @@ def test_a_confirmation_that_breaks_a_constraint_ends_with_7(
     with folder.writer() as writer:
         if is_followed:
             writer.planned(suggested_runs(folder.read(), [{**first.settings, "pulse.duty": 0.2}]))
-    assert main(["study", "confirm", str(folder.path), "--quiet"]) == 7
+    assert main(["study", "confirm", str(folder.path), "--workers", "1", "--quiet"]) == 7
     assert "E7911" in capsys.readouterr().err
 
 
@@ -336,7 +336,7 @@ def test_the_command_keeps_what_it_expects(tmp_path: Path) -> None:
     folder = made(tmp_path, SATURATED)
     come_to(folder, scattered())
     best = recommended(folder.read())
-    assert main(["study", "confirm", str(folder.path), "--runs", "1", "--quiet"]) == 0
+    assert main(["study", "confirm", str(folder.path), "--runs", "1", "--workers", "1", "-q"]) == 0
     state = folder.read()
     assert state.rows.expected == {state.runs[-1].planned.number: best.intervals}
 

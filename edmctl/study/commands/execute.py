@@ -1,7 +1,6 @@
 """`edmctl study run`, `resume`, `suggest`, `extend`, `optimize` and `confirm`: all that makes or adds runs."""
 
 import sys
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
@@ -248,14 +247,11 @@ def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, ad
     from edmctl.study.table import way_on
 
     study = opened(folder)
-    with (
-        study.claimed("suggestions") if add else nullcontext()
-    ):  # without --add nothing is written, not even a lock
-        state = study.read()
+    state = study.read()
+    if add:
+        suggested = study.add(lambda state: suggestions(state, count, shell()))
+    else:  # writes nothing, not even a lock
         suggested = suggestions(state, count, shell())
-        if add:
-            with study.writer() as writer:
-                writer.planned(suggested)
     outcome.result = {"suggestions": suggested, "added": add}
     after = f"Make them: `{way_on(study.read())}`." if add else "Nothing was added; --add does."
     outcome.text = "\n".join([*(_suggestion(run, state) for run in suggested), after])
@@ -268,9 +264,7 @@ def extend(outcome: Outcome, folder: FolderArgument, fold_over: FoldOverOption =
     from edmctl.study.table import way_on
 
     study = opened(folder)
-    with study.claimed("suggestions"), study.writer() as writer:
-        added = extension_runs(study.read(), shell(), is_folded=fold_over)
-        writer.planned(added)
+    added = study.add(lambda state: extension_runs(state, shell(), is_folded=fold_over))
     outcome.result = {"added": added}
     what = "the fold-over" if fold_over else "a replicate"
     runs, make = plural(len(added), "run"), way_on(study.read())
@@ -303,12 +297,10 @@ def optimize(outcome: Outcome, folder: FolderArgument, making: Making) -> None:
         _make(outcome, study, making, "optimize", accept_failed=True)  # a failed run shows where runs fail
         if len(study.read().rows.attempts) > rows:  # the new tool is in use now
             making = replace(making, new_tool=False, homed=False)
-        with study.claimed("suggestions"), study.writer() as writer:
-            state = study.read()
-            batch, number = next_batch(state, shell()), counted(state)
-            if not batch:
-                break
-            writer.planned(batch)
+        state = study.read()
+        number = counted(state)
+        if not (batch := study.add(lambda state: next_batch(state, shell()))):
+            break
         for run in batch:
             is_counted = run.kind is RunKind.SUGGESTED
             number += is_counted
