@@ -29,7 +29,7 @@ import numpy as np
 from benchmarks.common import machine_on, machined, options
 from edmctl.errors import EdmError
 from edmctl.jobs.connect import bench_config
-from edmctl.jobs.corrections import believed
+from edmctl.jobs.corrections import assumed_drift
 from edmctl.jobs.job import TrueWear
 from edmctl.jobs.surroundings import Unobserved
 from edmctl.planning.rules.load import load_profile
@@ -117,7 +117,7 @@ def perform(case: Case) -> Outcome:
     touch_held = abs(found.touch_um_per_s - sensor - work) <= half_width(found.touch_u_um_per_s)
     if case.drift_only:
         return Outcome(case, "ok", rest_held=rest_held, touch_held=touch_held, apart_held=apart_held)
-    job = replace(job_of(loaded.profile, setup), drift=believed(model_of(fit), setup))
+    job = replace(job_of(loaded.profile, setup), drift=assumed_drift(model_of(fit), setup))
     later = bench
     if case.seed % 2:
         later = open_bench(config, case.seed)

@@ -730,7 +730,7 @@ HEADING = f"{'errors, max/RMS, % of stroke':28}" + "".join(
 
 def judge(draw: Draw, variant: str, driven: Driven) -> Judged:
     """Build, calibrate and judge one actuator."""
-    from edmctl.jobs.calibration_fit import find
+    from edmctl.jobs.calibrate import find
 
     actuator = built(draw)
     rng = np.random.default_rng([draw.seed, KINDS.index(draw.kind), 2])

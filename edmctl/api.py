@@ -12,19 +12,22 @@ The API uses no terminal, signals or environment variables; every function may b
 
 from __future__ import annotations
 
+import inspect
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from operator import index
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Self, SupportsIndex
+from typing import TYPE_CHECKING, Self, SupportsIndex, TypedDict, TypeVar, Unpack
 
 from edmctl import failures
+from edmctl.dataclasses import dataclass, field
+from edmctl.errors import Diagnostic
 from edmctl.files import user_path
-from edmctl.jobs.connect import controller_warning, seed_warning
-from edmctl.jobs.plan import SIMULATOR, JobRequest, Plan, check, where_is
+from edmctl.jobs.connect import controller_warning, known_controller, seed_warning
+from edmctl.jobs.plan import SIMULATOR, TOUCHES_LIKE, JobRequest, Plan, check, where_is
 from edmctl.jobs.run_header import name_run, plain_name
 from edmctl.jobs.surroundings import Surroundings, Unobserved, Warn, python_warnings
 from edmctl.jobs.sweep import seed_to_use
@@ -47,8 +50,6 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from edmctl.jobs.calibrate import CalibrationReport, CalibrationRequest
     from edmctl.jobs.job import Report
     from edmctl.jobs.procedures import Procedure, ProcedureReport
@@ -60,70 +61,140 @@ if TYPE_CHECKING:
 
 RUNS = "runs"
 """The folder of run files, as on the command line."""
+F = TypeVar("F", bound=Callable[..., object])
 
 
-class Machine:
-    """A machine by the name of its port, as `connect` returns it.
+class CallOptions(TypedDict, total=False):
+    """Options of all calls.
 
-    Each call is a session of its own, as a command is: every call makes a new virtual machine (`sim:`), and
-    `sim:FILE` keeps its workpiece and tool. Expected errors of a job are in its report; errors before it starts
-    are raised.
-
-    Parameters that calls have in common:
-
-    profile : the name of a shipped profile, or a TOML file
-    overrides : values by key (`{"target.depth_um": 20}`), or texts as `--set` takes them
-    out, run_id : folder and name of the run file
-    calibration : the calibration file; default: that of the setup or the machine's own
-    allow_model : without a displacement sensor, use the calibrated actuator alone
     observer : gets progress and decisions in the calling thread, and in another one the note of a compilation
     stop : `stop.request(signal.SIGINT)` ends the call in order, from any thread
     warn : gets warnings before anything moves; default: an `edmctl.errors.EdmWarning` of Python for each
     """
 
-    def __init__(
-        self,
-        port: str,
-        seed: int | None,
-        setup: Path | None,
-        wait_s: float,
-        home: Path | None,
-        controller: str = "",
-    ) -> None:
-        self.port = port
-        """Selector of the port."""
-        self.seed = seed
-        """Seed of a new virtual machine; None takes a new seed for each call."""
-        self._setup = setup
-        self._wait_s = wait_s
-        self._home = home
-        self._controller = controller
+    observer: Observer | None
+    stop: StopRequest | None
+    warn: Warn | None
+
+
+class RunOptions(CallOptions, total=False):
+    """Options of calls that make a run file.
+
+    overrides : values by key (`{"target.depth_um": 20}`), or texts as `--set` takes them
+    out, run_id : folder and name of the run file; default: a name with the time in the folder `runs`
+    calibration : the calibration file; default: that of the setup or the machine's own
+    allow_model : without a displacement sensor, use the calibrated actuator alone
+    """
+
+    overrides: Overrides
+    out: File | None
+    run_id: str | None
+    calibration: File | None
+    allow_model: bool
+
+
+class FitOptions(CallOptions, total=False):
+    """Options of a calibration.
+
+    output : calibration file to write; default: the machine's own, none for files
+    validate, refit : files to validate the model on, and what is fitted to each before: "zero" or "gain,zero"
+    previous_v : held before the first sample, V: once, or once for each file, those to validate last
+    delay_s : delay of the displacement; fitted by default
+    """
+
+    output: File | None
+    validate: File | Sequence[File]
+    refit: str
+    previous_v: Sequence[float]
+    delay_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Options:
+    """The options of a call, checked. Raises TypeError."""
+
+    overrides: Overrides = ()
+    out: File | None = None
+    run_id: str | None = None
+    calibration: File | None = None
+    allow_model: bool = False
+    output: File | None = None
+    validate: File | Sequence[File] = ()
+    refit: str = "zero"
+    previous_v: Sequence[float] = ()
+    delay_s: float | None = None
+    observer: Observer | None = None
+    stop: StopRequest | None = None
+    warn: Warn | None = None
+    new_tool: bool = False
+
+    def __post_init__(self) -> None:
+        observer, stop, warn = self.observer, self.stop, self.warn
+        if observer is not None and not (hasattr(observer, "progress") and hasattr(observer, "note")):
+            raise TypeError(f"observer has to have the methods progress and note; {observer!r} has not")
+        if not isinstance(stop, StopRequest | None):
+            raise TypeError(f"stop has to be an edmctl.StopRequest, not {type(stop).__name__}")
+        if not (warn is None or callable(warn)):
+            raise TypeError(f"warn has to be called with warnings, and {warn!r} cannot be")
+        # Both let a machine do more than usual.
+        for name, flag in (("allow_model", self.allow_model), ("new_tool", self.new_tool)):
+            if not isinstance(flag, bool):
+                raise TypeError(f"{name} has to be True or False, not {flag!r}")
+
+    @property
+    def watched(self) -> Observer:
+        """The observer, or one that ignores everything."""
+        return self.observer or Unobserved()
+
+    def doubt(self, warnings: Sequence[Diagnostic]) -> None:
+        """Pass warnings on, if there are any."""
+        if warnings:
+            (self.warn or python_warnings)(warnings)
+
+
+def _with(options: type) -> Callable[[F], F]:
+    """Show `options` one by one in the signature of a function, as help() and notebooks print it."""
+    defaults = inspect.signature(_Options).parameters
+
+    def shown(function: F) -> F:
+        signature = inspect.signature(function)
+        own = [one for one in signature.parameters.values() if one.kind is not one.VAR_KEYWORD]
+        common = [
+            defaults[name].replace(kind=inspect.Parameter.KEYWORD_ONLY) for name in options.__annotations__
+        ]
+        function.__signature__ = signature.replace(parameters=[*own, *common])  # type: ignore[attr-defined]
+        return function
+
+    return shown
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """A machine by the name of its port, as `connect` returns it.
+
+    Each call is a session of its own, as a command is: every call makes a new virtual machine (`sim:`), and
+    `sim:FILE` keeps its workpiece and tool. Expected errors of a job are in its report; errors before it starts
+    are raised. `profile` is the name of a shipped profile, or a TOML file; `RunOptions` and `CallOptions` describe
+    the options that calls have in common.
+    """
+
+    port: str
+    """Selector of the port."""
+    seed: int | None
+    """Seed of a new virtual machine; None takes a new seed for each call."""
+    _setup: Path | None = field(default=None, repr=False)
+    _wait_s: float = field(default=0.0, repr=False)
+    _home: Path | None = field(default=None, repr=False)
+    _controller: str = field(default="", repr=False)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Do nothing: no resource stays open between calls."""
 
-    def __repr__(self) -> str:
-        return f"Machine({self.port!r}, seed={self.seed})"
-
-    def machine(
-        self,
-        profile: File,
-        *,
-        overrides: Overrides = (),
-        out: File | None = None,
-        run_id: str | None = None,
-        calibration: File | None = None,
-        allow_model: bool = False,
-        new_tool: bool = False,
-        observer: Observer | None = None,
-        stop: StopRequest | None = None,
-        warn: Warn | None = None,
-    ) -> Report:
+    @_with(RunOptions)
+    def machine(self, profile: File, *, new_tool: bool = False, **options: Unpack[RunOptions]) -> Report:
         """Machine a job, as `edmctl machine` does.
 
         Without `out`, a new virtual machine leaves no run file; any other machine has it in `runs`, with ledger and
@@ -134,17 +205,16 @@ class Machine:
         """
         from edmctl.jobs.job import carry_out
 
-        doubts = _doubts(warn)
-        plan = self._plan(self._request(profile, overrides, calibration, allow_model, new_tool), stop, doubts)
-        if out is None and plan.where.lasting:
-            out = RUNS
-        if out is None and run_id is not None:
-            raise failures.run_id_without_folder(run_id=run_id)
-        name = (
-            name_run(_file("out", out), run_id, plan.loaded, datetime.now(UTC)) if out is not None else None
-        )
-        return carry_out(plan, seed_to_use(self.seed), _observer(observer), name, doubts)
+        call = _Options(new_tool=new_tool, **options)
+        plan, name = self._plan(profile, call), None
+        out = RUNS if call.out is None and plan.where.lasting else call.out
+        if out is not None:
+            name = name_run(_file("out", out), call.run_id, plan.loaded, datetime.now(UTC))
+        elif call.run_id is not None:
+            raise failures.run_id_without_folder(run_id=call.run_id)
+        return carry_out(plan, seed_to_use(self.seed), call.watched, name, call.doubt)
 
+    @_with(CallOptions)
     def resume(
         self,
         run: File,
@@ -152,9 +222,7 @@ class Machine:
         out: File = RUNS,
         homed: bool = False,
         restart_hole: bool = False,
-        observer: Observer | None = None,
-        stop: StopRequest | None = None,
-        warn: Warn | None = None,
+        **options: Unpack[CallOptions],
     ) -> Report:
         """Resume the job of an interrupted run: its file, or its id in `out`.
 
@@ -165,28 +233,22 @@ class Machine:
         from edmctl.jobs.resume import checked, find_run, name_of_resumed
         from edmctl.jobs.runs.opening import recovered_before
 
-        doubts = _doubts(warn)
+        call = _Options(**options)
         resumption = find_run(str(run), _file("out", out), homed=homed, restart_hole=restart_hole)
-        plan = checked(resumption, self.port, self._wait_s, self._surroundings(stop))
-        doubts(recovered_before(resumption))
-        doubts(plan.loaded.warnings)
+        plan = checked(resumption, self.port, self._wait_s, self._surroundings(call))
+        call.doubt(recovered_before(resumption))
+        call.doubt(plan.loaded.warnings)
         name = name_of_resumed(resumption, None, datetime.now(UTC))
-        return carry_out(plan, seed_to_use(self.seed), _observer(observer), name, doubts)
+        return carry_out(plan, seed_to_use(self.seed), call.watched, name, call.doubt)
 
+    @_with(RunOptions)
     def approach(
         self,
         profile: File,
         *,
         contact: bool = False,
         site_um: tuple[float, float] | None = None,
-        overrides: Overrides = (),
-        out: File = RUNS,
-        run_id: str | None = None,
-        calibration: File | None = None,
-        allow_model: bool = False,
-        observer: Observer | None = None,
-        stop: StopRequest | None = None,
-        warn: Warn | None = None,
+        **options: Unpack[RunOptions],
     ) -> ProcedureReport:
         """Feed the tool to the spark gap, or with `contact` to the surface, report its position, retract.
 
@@ -195,50 +257,29 @@ class Machine:
         """
         from edmctl.jobs.procedures import Approach
 
-        doubts = _doubts(warn)
-        plan = self._plan(self._request(profile, overrides, calibration, allow_model), stop, doubts)
-        return self._perform(Approach(plan, site_um, contact=contact), out, run_id, observer, doubts)
+        call = _Options(**options)
+        return self._perform(Approach(self._plan(profile, call), site_um, contact=contact), call)
 
-    def jump_flush(
-        self,
-        profile: File,
-        *,
-        count: int = 10,
-        overrides: Overrides = (),
-        out: File = RUNS,
-        run_id: str | None = None,
-        calibration: File | None = None,
-        allow_model: bool = False,
-        observer: Observer | None = None,
-        stop: StopRequest | None = None,
-        warn: Warn | None = None,
-    ) -> ProcedureReport:
+    @_with(RunOptions)
+    def jump_flush(self, profile: File, *, count: int = 10, **options: Unpack[RunOptions]) -> ProcedureReport:
         """Make electrode jumps next to the workpiece, without sparks, and measure them. Raises as `machine`."""
         from edmctl.jobs.procedures import JUMPS_ALONE, Jumps
 
-        doubts = _doubts(warn)
-        changes = (*_texts(overrides), *JUMPS_ALONE)
-        plan = self._plan(self._request(profile, changes, calibration, allow_model), stop, doubts)
-        count = index(count)
+        call = _Options(**options)
+        plan, count = self._plan(profile, call, JUMPS_ALONE), index(count)
         if count < 1:
             raise failures.jump_count_too_small(count=count)
-        return self._perform(Jumps(plan, count), out, run_id, observer, doubts)
+        return self._perform(Jumps(plan, count), call)
 
+    @_with(RunOptions)
     def measure_wear(
         self,
         profile: File | None = None,
         *,
         reference: bool = False,
         site: str | None = None,
-        overrides: Overrides = (),
-        out: File = RUNS,
-        run_id: str | None = None,
-        calibration: File | None = None,
-        allow_model: bool = False,
         new_tool: bool = False,
-        observer: Observer | None = None,
-        stop: StopRequest | None = None,
-        warn: Warn | None = None,
+        **options: Unpack[RunOptions],
     ) -> ProcedureReport:
         """Touch the pad and the last hole to measure wear since the reference; with `reference`, touch that.
 
@@ -246,28 +287,22 @@ class Machine:
         the recipe of the run that made the hole. Raises as `machine`; in the report, E8041 there is no reference,
         E8045 no such hole.
         """
-        from edmctl.jobs.measure_wear import TOUCHES_LIKE, ReferenceTouch, WearMeasurement
+        from edmctl.jobs.measure_wear import ReferenceTouch, WearMeasurement
 
         if not isinstance(site, str | None):
             raise TypeError(f"site has to be the name of a hole, not {type(site).__name__}")
-        doubts = _doubts(warn)
-        request = self._request(profile or TOUCHES_LIKE, overrides, calibration, allow_model, new_tool)
-        plan = replace(self._plan(request, stop, doubts), names_tool=profile is not None)
-        wear = ReferenceTouch(plan) if reference else WearMeasurement(plan, site)
-        return self._perform(wear, out, run_id, observer, doubts)
+        call = _Options(new_tool=new_tool, **options)
+        plan = self._plan(profile, call)
+        return self._perform(ReferenceTouch(plan) if reference else WearMeasurement(plan, site), call)
 
+    @_with(RunOptions)
     def measure_drift(
         self,
         profile: File | None = None,
         *,
         duration_s: float | None = None,
         output: File | None = None,
-        overrides: Overrides = (),
-        out: File = RUNS,
-        run_id: str | None = None,
-        observer: Observer | None = None,
-        stop: StopRequest | None = None,
-        warn: Warn | None = None,
+        **options: Unpack[RunOptions],
     ) -> ProcedureReport:
         """Measure sensor drift: touch the pad and hold zero voltage in turn for a quarter of an hour.
 
@@ -276,87 +311,61 @@ class Machine:
         `machine`, and UsageError E2064 if `duration_s` is too short; in the report, E7041 holds and touches are
         inconsistent.
         """
-        from edmctl.jobs.measure_wear import TOUCHES_LIKE
         from edmctl.jobs.procedures import DriftMeasurement
 
-        doubts = _doubts(warn)
-        request = self._request(profile or TOUCHES_LIKE, overrides, None, False, False)
-        plan = replace(self._plan(request, stop, doubts), names_tool=profile is not None)
-        return self._perform(DriftMeasurement(plan, duration_s, _path(output)), out, run_id, observer, doubts)
+        call = _Options(**options)
+        return self._perform(DriftMeasurement(self._plan(profile, call), duration_s, _path(output)), call)
 
-    def calibrate(
-        self,
-        *,
-        output: File | None = None,
-        validate: File | Sequence[File] = (),
-        refit: str = "zero",
-        previous_v: Sequence[float] = (),
-        delay_s: float | None = None,
-        observer: Observer | None = None,
-        stop: StopRequest | None = None,
-        warn: Warn | None = None,
-    ) -> CalibrationReport:
+    @_with(FitOptions)
+    def calibrate(self, **options: Unpack[FitOptions]) -> CalibrationReport:
         """Drive the actuator for seven minutes next to the workpiece, measure it, fit a model, and save it.
 
         It is saved in `output`, else as the machine's own calibration, which all later calls use; a new `sim:` has
-        no own calibration. The others are the arguments of `calibrate_files`.
+        no own calibration.
 
         Raises the errors that a report of `machine` would contain, such as Interrupted, and RecordError if the
         record allows no fit: then a warning names the file that keeps it.
         """
-        from edmctl.jobs.calibrate import calibrate_machine
-        from edmctl.jobs.calibrate import check as checked_calibration
+        from edmctl.jobs import calibrate
 
-        request = _calibration((), output, validate, refit, previous_v, delay_s)
-        request = replace(
-            request, setup=self._setup, port=self.port, wait_s=self._wait_s, controller=self._controller
-        )
-        doubts = _doubts(warn)
-        checked = checked_calibration(request, self._surroundings(stop))
-        doubts(checked.doubts)
-        report = calibrate_machine(checked, seed_to_use(self.seed), _observer(observer), doubts)
-        doubts(report.findings.warnings)
+        call = _Options(**options)
+        request = replace(_calibration((), call), setup=self._setup, port=self.port)
+        request = replace(request, wait_s=self._wait_s, controller=self._controller)
+        checked = calibrate.check(request, self._surroundings(call))
+        call.doubt(checked.doubts)
+        report = calibrate.calibrate_machine(checked, seed_to_use(self.seed), call.watched, call.doubt)
+        call.doubt(report.warnings)
         return report
 
-    def _request(
-        self,
-        profile: File,
-        overrides: Overrides,
-        calibration: File | None = None,
-        allow_model: bool = False,
-        new_tool: bool = False,
-    ) -> JobRequest:
+    def _plan(self, profile: File | None, call: _Options, changes: Sequence[str] = ()) -> Plan:
+        """Return the checked plan; without a profile the machine's tool is used as it is."""
         driven = (f"sim.controller={self._controller}",) if self._controller else ()
-        return JobRequest(
-            profile=_profile(profile),
-            overrides=(*_texts(overrides), *driven),
+        request = JobRequest(
+            profile=_profile(TOUCHES_LIKE if profile is None else profile),
+            overrides=(*_texts(call.overrides), *changes, *driven),
             setup=self._setup,
             port=self.port,
-            calibration=_path(calibration),
-            allow_model=_flag("allow_model", allow_model),
+            calibration=_path(call.calibration),
+            allow_model=call.allow_model,
             wait_s=self._wait_s,
-            new_tool=_flag("new_tool", new_tool),
+            new_tool=call.new_tool,
         )
+        plan = check(request, self._surroundings(call))
+        call.doubt(plan.loaded.warnings)
+        return replace(plan, names_tool=profile is not None)
 
-    def _plan(self, request: JobRequest, stop: StopRequest | None, warn: Warn) -> Plan:
-        plan = check(request, self._surroundings(stop))
-        warn(plan.loaded.warnings)
-        return plan
-
-    def _surroundings(self, stop: StopRequest | None) -> Surroundings:
-        if not isinstance(stop, StopRequest | None):
-            raise TypeError(f"stop has to be an edmctl.StopRequest, not {type(stop).__name__}")
+    def _surroundings(self, call: _Options) -> Surroundings:
         environ = {} if self._home is None else {HOME_VARIABLE: str(self._home)}
         surroundings = Surroundings(command=("edmctl", "(Python)"), environ=environ)
+        stop = call.stop
         return surroundings if stop is None else replace(surroundings, stop=lambda _: stop)
 
-    def _perform(
-        self, procedure: Procedure, out: File, run_id: str | None, observer: Observer | None, warn: Warn
-    ) -> ProcedureReport:
+    def _perform(self, procedure: Procedure, call: _Options) -> ProcedureReport:
         from edmctl.jobs.procedures import name_of, perform
 
-        name = name_of(procedure.plan, procedure.name, _file("out", out), run_id)
-        return perform(procedure, name, seed_to_use(self.seed), _observer(observer), warn)
+        out = _file("out", RUNS if call.out is None else call.out)
+        name = name_of(procedure.plan, procedure.name, out, call.run_id)
+        return perform(procedure, name, seed_to_use(self.seed), call.watched, call.doubt)
 
 
 def connect(
@@ -385,12 +394,10 @@ def connect(
     refuse_wrong_clock()
     if not isinstance(port, str | PathLike):
         raise TypeError(f"port has to be a name or a path, not {type(port).__name__}")
-    where = where_is(str(port), Setup())
-    _doubts(None)(seed_warning(where, seed))
+    where, call = where_is(str(port), Setup()), _Options()
+    call.doubt(seed_warning(where, seed))
     if controller is not None:
-        from edmctl.jobs.connect import known_controller
-
-        _doubts(None)(controller_warning(where, known_controller(controller)))
+        call.doubt(controller_warning(where, known_controller(controller)))
     return Machine(where.selector, seed, _path(setup), wait_s, _path(home), controller or "")
 
 
@@ -420,16 +427,16 @@ def simulate(
 
     fresh = connect(setup=setup, home=home)
     machines = [connect(seed=seed, setup=setup, home=home) for seed in seeds]
-    grid = [dict(zip(sweep or {}, values, strict=True)) for values in itertools.product(*_steps(sweep or {}))]
-    doubts, folder = _doubts(warn), _path(out)
-    tasks: list[tuple[Machine, Task]] = []
-    for steps in grid:
-        request = fresh._request(profile, (*_texts(overrides), *_texts(steps)), calibration, allow_model)
-        plan = fresh._plan(request, stop, lambda _: None)
-        name = plain_name("-".join(_texts(steps)) or plan.loaded.path.stem)
+    call = _Options(overrides, out, None, calibration, allow_model, stop=stop, warn=warn)
+    texts, tasks = _texts(overrides), list[tuple[Machine, Task]]()
+    for values in itertools.product(*_steps(sweep or {})):
+        steps = _texts(dict(zip(sweep or {}, values, strict=True)))
+        plan = fresh._plan(profile, replace(call, overrides=(*texts, *steps), warn=lambda _: None))
+        name = plain_name("-".join(steps) or plan.loaded.path.stem)
         for machine in machines:
             assert machine.seed is not None
-            tasks.append((machine, Task(request, machine.seed, folder, f"{name}-seed{machine.seed}")))
+            task = Task(plan.request, machine.seed, _path(out), f"{name}-seed{machine.seed}")
+            tasks.append((machine, task))
     check_names([task for _, task in tasks])
     reports: list[Report] = []
     for machine, task in tasks:
@@ -443,43 +450,40 @@ def simulate(
             calibration=calibration,
             allow_model=allow_model,
             stop=stop,
-            warn=doubts,
+            warn=call.doubt,
         )
         reports.append(report)
     return reports
 
 
-def calibrate_files(
-    files: File | Sequence[File],
-    *,
-    output: File | None = None,
-    validate: File | Sequence[File] = (),
-    refit: str = "zero",
-    previous_v: Sequence[float] = (),
-    delay_s: float | None = None,
-    observer: Observer | None = None,
-    warn: Warn | None = None,
-) -> CalibrationReport:
+@_with(FitOptions)
+def calibrate_files(files: File | Sequence[File], **options: Unpack[FitOptions]) -> CalibrationReport:
     """Fit measured data: one file or several, CSV or HDF5 with t_s, u_V and y_um (s, V, µm, of one length), or runs.
-
-    output : calibration file to write, if any
-    validate, refit : files to validate the model on, and what is fitted to each before: "zero" or "gain,zero"
-    previous_v : held before the first sample, V: once, or once for each of `files` and `validate`
-    delay_s : delay of the displacement; fitted by default
 
     Raises UsageError, RecordError if a file cannot be used or allows no fit, RunFileError.
     """
-    from edmctl.jobs.calibrate import calibrate_files as fitted
-    from edmctl.jobs.calibrate import check as checked_calibration
+    from edmctl.jobs import calibrate
 
     refuse_wrong_clock()
-    request = _calibration(files, output, validate, refit, previous_v, delay_s)
-    doubts = _doubts(warn)
-    checked = checked_calibration(request, Surroundings())
-    doubts(checked.doubts)
-    report = fitted(checked, _observer(observer))
-    doubts(report.findings.warnings)
+    call = _Options(**options)
+    checked = calibrate.check(_calibration(files, call), Surroundings())
+    call.doubt(checked.doubts)
+    report = calibrate.calibrate_files(checked, call.watched)
+    call.doubt(report.warnings)
     return report
+
+
+def _calibration(files: File | Sequence[File], call: _Options) -> CalibrationRequest:
+    from edmctl.jobs.calibrate import CalibrationRequest
+
+    return CalibrationRequest(
+        sources=_files("files", files),
+        validation=_files("validate", call.validate),
+        refit=call.refit,
+        previous_v=tuple(call.previous_v),
+        delay_s=call.delay_s,
+        output=_path(call.output),
+    )
 
 
 def load_profile(profile: File, *, overrides: Overrides = ()) -> LoadedProfile:
@@ -539,26 +543,6 @@ def _steps(sweep: Mapping[str, Sequence[object]]) -> list[list[object]]:
     return [list(values) for values in sweep.values()]
 
 
-def _calibration(
-    files: File | Sequence[File],
-    output: File | None,
-    validate: File | Sequence[File],
-    refit: str,
-    previous_v: Sequence[float],
-    delay_s: float | None,
-) -> CalibrationRequest:
-    from edmctl.jobs.calibrate import CalibrationRequest
-
-    return CalibrationRequest(
-        sources=_files("files", files),
-        validation=_files("validate", validate),
-        refit=refit,
-        previous_v=tuple(previous_v),
-        delay_s=delay_s,
-        output=_path(output),
-    )
-
-
 def _file(name: str, given: File) -> Path:
     if not isinstance(given, str | PathLike):
         raise TypeError(f"{name} has to be a path, not {type(given).__name__}")
@@ -574,28 +558,3 @@ def _files(name: str, given: File | Sequence[File]) -> tuple[Path, ...]:
 
 def _path(file: File | None) -> Path | None:
     return None if file is None else _file("a file", file)
-
-
-def _flag(name: str, given: bool) -> bool:
-    """Require a bool for a flag that lets a machine do more than usual."""
-    if not isinstance(given, bool):
-        raise TypeError(f"{name} has to be True or False, not {given!r}")
-    return given
-
-
-def _observer(given: Observer | None) -> Observer:
-    if given is None:
-        return Unobserved()
-    if not (hasattr(given, "progress") and hasattr(given, "note")):
-        raise TypeError(f"observer has to have the methods progress and note; {given!r} has not")
-    return given
-
-
-def _doubts(warn: Warn | None) -> Warn:
-    """Return a function that takes warnings, and is not called without any."""
-    if warn is None:
-        warn = python_warnings
-    if not callable(warn):
-        raise TypeError(f"warn has to be called with warnings, and {warn!r} cannot be")
-    told = warn
-    return lambda found: told(found) if found else None

@@ -883,30 +883,6 @@ def settings_incomplete(*, keys: object) -> UsageError:
     return UsageError(f"Settings have a value of each of {keys}.", hint="Leave others out.", code="E2110")
 
 
-def folder_without_series(*, folder: object) -> UsageError:
-    return UsageError(
-        f"{folder} has no series of simulated runs.",
-        hint="Name the folder that `edmctl simulate … --out DIR` has made.",
-        code="E2111",
-    )
-
-
-def resume_series_with_options() -> UsageError:
-    return UsageError(
-        "--resume goes on with the series as it was asked for.",
-        hint="Leave other options out; --table and --figure go with it.",
-        code="E2112",
-    )
-
-
-def folder_has_series(*, folder: object, quoted_folder: object) -> UsageError:
-    return UsageError(
-        f"{folder} has a series of runs already.",
-        hint=f"Go on with it: `edmctl simulate --resume {quoted_folder}`; or choose another folder with --out.",
-        code="E2112",
-    )
-
-
 def series_table_not_csv(*, table: object) -> UsageError:
     return UsageError(f"--table {table} is no .csv file.", hint="Call it FILE.csv.", code="E2113")
 
@@ -997,6 +973,18 @@ def record_not_finite(
     )
 
 
+def record_values_too_large(*, file: object, values: object) -> RecordError:
+    return RecordError(
+        f"{file}: {values}.",
+        hint="Leave out the samples where the instrument gave no number, or repair the recording.",
+        code="E3612",
+    )
+
+
+def waveform_not_finite(*, row: object) -> RecordError:
+    return RecordError(f"{row} is not finite.", hint="Correct or delete it.", code="E3612")
+
+
 def record_time_stands_still(
     *, record: object, sample: object, after_s: float, before_s: float, steps: object
 ) -> RecordError:
@@ -1015,6 +1003,10 @@ def record_time_goes_back(
         hint="Sort the samples by time; give records made one after the other as files of their own.",
         code="E3613",
     )
+
+
+def waveform_time_not_ascending(*, row: object) -> RecordError:
+    return RecordError(f"{row} is not later than the one before.", hint="Sort by t_s.", code="E3613")
 
 
 def record_voltage_constant(*, record: object, u_v: float) -> RecordError:
@@ -1132,6 +1124,14 @@ def lever_sample_not_finite(*, wrong: object) -> RecordError:
     )
 
 
+def lever_values_too_large(*, file: object, values: object) -> RecordError:
+    return RecordError(
+        f"{file}: {values}.",
+        hint="Leave out the samples where the instrument gave no number, or repair the recording.",
+        code="E3622",
+    )
+
+
 def lever_at_rest(*, stack: float) -> RecordError:
     return RecordError(
         f"the stacks' displacement stays at {stack:g} µm",
@@ -1162,6 +1162,10 @@ def record_ahead_of_voltage(*, record: object, percent: float) -> RecordError:
         hint="Check that the columns u_V and y_um are not exchanged, and that both are on one clock.",
         code="E3626",
     )
+
+
+def waveform_beyond_actuator(*, row: object, low_v: float, high_v: float) -> RecordError:
+    return RecordError(f"{row} is outside {low_v:g} to {high_v:g} V.", hint="u_V is in volts.", code="E3630")
 
 
 def waveform_too_long(*, path: object, length_s: float, longest_s: float) -> RecordError:
@@ -2390,14 +2394,6 @@ def dask_scheduler_gone(*, address: object) -> PreconditionError:
     )
 
 
-def recipe_of_series_differs(*, line: object) -> PreconditionError:
-    return PreconditionError(
-        f"The recipe of {line} is not the one that its series was begun with.",
-        hint="Put profile and setup back as they were, or begin another series in another folder.",
-        code="E8213",
-    )
-
-
 def another_machine_answers(*, found: object, wanted: object) -> PreconditionError:
     return PreconditionError(
         f"The machine that answers is {found}, and the runs before were made on {wanted}.",
@@ -2825,6 +2821,10 @@ def sweep_on_one_machine(*, seed: object) -> Diagnostic:
     )
 
 
+def record_doubtful(*, doubt: object) -> Diagnostic:
+    return Diagnostic("W3610", f"{doubt}", "", is_warning=True)
+
+
 def telemetry_lost(*, lost_frames: object) -> Diagnostic:
     return Diagnostic(
         "W3611",
@@ -2834,8 +2834,13 @@ def telemetry_lost(*, lost_frames: object) -> Diagnostic:
     )
 
 
-def calibration_not_accepted(*, one: object, remedy: object) -> Diagnostic:
-    return Diagnostic("W3650", f"Not accepted: {one}", f"{remedy}", is_warning=True)
+def calibration_not_accepted(*, problem: object) -> Diagnostic:
+    return Diagnostic(
+        "W3650",
+        f"Not accepted: {problem}",
+        "`edmctl machine` uses such a calibration, and warns each time.",
+        is_warning=True,
+    )
 
 
 def validation_beyond_fit(

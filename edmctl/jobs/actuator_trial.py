@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from edmctl import failures
 from edmctl.actuator.identification import fit_line, fit_maxwell, identify
@@ -21,7 +21,7 @@ from edmctl.actuator.paper_model import TABLE_1, ElectromechanicalModel, Maxwell
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures, judge
 from edmctl.actuator.waveforms import Reading, calibration_waveform, readings, sine
-from edmctl.array_types import Array
+from edmctl.array_types import Array, Flags
 from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import Diagnostic
 from edmctl.jobs import output_files
@@ -32,11 +32,6 @@ from edmctl.record.columns import write_columns
 from edmctl.report.kinds import check_figure
 from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, SLEW_V_S, DrivenTicks, VirtualActuator
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-
 SLOW_HZ = 0.01
 """Of the one cycle that the simple models are fitted to, as in Muralidhara et al. 2009, §2.2."""
 SLOW_EVERY = 10
@@ -45,6 +40,8 @@ CALIBRATION_EVERY = 5
 """200 samples a second, as a machine records; all samples of the fast legs, which determine lag and delay."""
 NOTICED_V = 0.1
 """A voltage that differs by more from the request or the calibrated range is reported."""
+DATA_SUFFIXES = (".csv", ".h5")
+Start = Literal["virgin", "conditioned"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,27 +61,20 @@ class ModelErrors:
 
 
 @dataclass(frozen=True, slots=True)
-class Truth:
-    """True values of a waveform, from the simulator."""
-
-    range_um: float
-
-
-@dataclass(frozen=True, slots=True)
 class WaveformResult:
-    """One waveform; `models` has the keys line, paper and ours."""
+    """One waveform and its true range; `models` has the keys line, paper and ours."""
 
     name: str
-    truth: Truth
+    truth: dict[str, float]
     models: dict[str, ModelErrors]
 
 
 @dataclass(frozen=True, slots=True)
 class PaperWaveform:
-    """One waveform; `errors` are the paper's model less the sensor, with the zero of the fit."""
+    """One waveform and its true range; `errors` are the paper's model less the sensor, with the zero of the fit."""
 
     name: str
-    truth: Truth
+    truth: dict[str, float]
     errors: ModelErrors
     readings: list[Reading]
 
@@ -116,7 +106,7 @@ class Trial:
 def run_trial(asked: Sequence[Waveform], known: ActuatorModel | None, seed: int) -> Trial:
     """Drive the waveforms on the actuator of this seed.
 
-    known : the model to judge; None identifies one from a calibration record of the same actuator.
+    known : the model to evaluate; None identifies one from a calibration record of the same actuator.
     """
     slow = slow_cycle(seed)
     ours, doubts = (known, []) if known else _calibrated(seed)
@@ -133,18 +123,18 @@ def run_trial(asked: Sequence[Waveform], known: ActuatorModel | None, seed: int)
             figures = judge(models_um[key], driven.truth_um, refit=()).errors
             errors[key] = ModelErrors.of(figures, stroke_um)
         traces.append(Trace(*driven, models_um))
-        results.append(WaveformResult(waveform.name, Truth(figures.range_um), errors))
+        results.append(WaveformResult(waveform.name, {"range_um": figures.range_um}, errors))
     return Trial(results, traces, stroke_um, doubts)
 
 
 def known_model(path: Path, seed: int) -> tuple[ActuatorModel, list[Diagnostic]]:
     """Load a calibration file, with warnings when it is another actuator's or was not accepted."""
     calibration = Calibration.load(path)
-    own, doubts = VirtualActuator(seed).serial, []
-    if calibration.serial != own:
-        doubts.append(failures.calibration_of_another_seed(path=path, owner=owner(calibration), serial=own))
-    quality = calibration.quality
-    doubts += _unaccepted(quality.problems)
+    serial, quality = VirtualActuator(seed).serial, calibration.quality
+    doubts = _unaccepted(quality.problems)
+    if calibration.serial != serial:
+        another = failures.calibration_of_another_seed(path=path, owner=owner(calibration), serial=serial)
+        doubts.insert(0, another)
     if quality.restrictions:
         restrictions = " Accepted ".join(quality.restrictions)
         doubts.append(failures.calibration_restricted(path=path, restrictions=restrictions))
@@ -154,8 +144,7 @@ def known_model(path: Path, seed: int) -> tuple[ActuatorModel, list[Diagnostic]]
 def _calibrated(seed: int) -> tuple[ActuatorModel, list[Diagnostic]]:
     """Identify the actuator from the record that `calibrate` drives."""
     waveform, is_kept = calibration_waveform(HIGH_V, RATE_HZ, CALIBRATION_EVERY)
-    record = _measured(seed, waveform.u_v, is_kept)
-    found = identify([record], resamples=0)
+    found = identify([_measured(seed, waveform.u_v, is_kept)], resamples=0)
     return found.model, _unaccepted(found.problems)
 
 
@@ -163,7 +152,7 @@ def _unaccepted(problems: Sequence[str]) -> list[Diagnostic]:
     return [failures.trial_calibration_not_accepted(problem=problem) for problem in problems]
 
 
-def _measured(seed: int, command_v: Array, kept: NDArray[np.bool_] | slice) -> Record:
+def _measured(seed: int, command_v: Array, kept: Flags | slice) -> Record:
     """Drive the unit from rest and return what a host would record, at the samples `kept`."""
     driven = VirtualActuator(seed).drive(command_v)
     return Record(driven.t_s[kept], driven.applied_v[kept], driven.sensor_um[kept])
@@ -183,25 +172,19 @@ def _slowed(waveform: Waveform, driven: DrivenTicks) -> list[Diagnostic]:
 
 
 def _beyond(waveform: Waveform, driven: DrivenTicks, ours: ActuatorModel) -> list[Diagnostic]:
-    """Whether the waveform leaves the voltages that the model was identified over."""
+    """Warn if the waveform leaves the voltages that the model was identified over."""
     low_v, top_v = float(driven.applied_v.min()), float(driven.applied_v.max())
-    name, found = waveform.name, []
+    beyond = []
     if not reaches_up(ours, top_v, NOTICED_V):
-        found.append(
-            failures.waveform_beyond_calibration(
-                waveform=name, way="up", end_v=top_v, calibrated_v=ours.high_v
-            )
-        )
+        beyond.append(("up", top_v, ours.high_v))
     if not reaches_down(ours, low_v, top_v):
-        found.append(
-            failures.waveform_beyond_calibration(
-                waveform=name, way="down", end_v=low_v, calibrated_v=ours.low_v
-            )
+        beyond.append(("down", low_v, ours.low_v))
+    return [
+        failures.waveform_beyond_calibration(
+            waveform=waveform.name, way=way, end_v=end_v, calibrated_v=calibrated_v
         )
-    return found
-
-
-Start = Literal["virgin", "conditioned"]
+        for way, end_v, calibrated_v in beyond
+    ]
 
 
 class FittedModel(NamedTuple):
@@ -259,23 +242,17 @@ def run_paper_trial(asked: Sequence[Waveform], start: Start, seed: int) -> Paper
         model_um = displacement(fitted, driven.applied_v, start)
         error_um = model_um - driven.sensor_um
         figures = ErrorFigures.of(error_um, driven.sensor_um)
-        truth = Truth(float(driven.truth_um.max() - driven.truth_um.min()))
-        read = (
-            readings(waveform.figure, waveform.command_v, error_um, model_um, RATE_HZ)
-            if waveform.figure
-            else []
-        )
-        errors = ModelErrors.of(figures, fitted.fit.range_um)
+        truth = {"range_um": float(driven.truth_um.max() - driven.truth_um.min())}
+        errors, read = ModelErrors.of(figures, fitted.fit.range_um), list[Reading]()
+        if waveform.figure:
+            read = readings(waveform.figure, waveform.command_v, error_um, model_um, RATE_HZ)
         results.append(PaperWaveform(waveform.name, truth, errors, read))
         traces.append(Trace(*driven, {"paper": model_um}))
     return PaperTrial(start, fitted, results, traces, doubts)
 
 
 def fit_model(seed: int, transducer: Transducer = TABLE_1) -> FittedModel:
-    """Fit H to one slow cycle of the actuator of this seed, measured by its sensor.
-
-    Raises PreconditionError E8037 if the actuator moves farther per volt than the transducer can drive it.
-    """
+    """Fit H to one slow cycle of the actuator of this seed, measured by its sensor."""
     found = fit_maxwell([slow_cycle(seed)])
     plays = found.model
     try:
@@ -295,15 +272,8 @@ def displacement(fitted: FittedModel, applied_v: Array, start: Start) -> Array:
     return model.simulate(applied_v, 1.0 / RATE_HZ, state=state).y_um + fitted.zero_um
 
 
-DATA_SUFFIXES = (".csv", ".h5")
-
-
 def check_outputs(plot: Path | None, data: Path | None) -> None:
-    """Refuse files that could not be written, before minutes of work find out.
-
-    Raises UsageError (E2011 figure's name, E2012 data's), PreconditionError (E8090 no matplotlib), RunFileError
-    (E9011 exists, E9012 no folder).
-    """
+    """Refuse files that could not be written, before minutes of work find out."""
     if data and data.suffix.lower() not in DATA_SUFFIXES:
         raise failures.data_suffix_unknown(data=data.name, data_suffixes=", ".join(DATA_SUFFIXES))
     if plot:
@@ -333,36 +303,32 @@ def write_data(traces: Sequence[Trace], path: Path) -> None:
     write_columns(path, {name: np.concatenate(parts) for name, parts in columns.items()})
 
 
-def write_figure(trial: Trial | PaperTrial, path: Path, words: str) -> None:
-    """Draw the figure with the caption `words`. Raises RunFileError E9011, E9012."""
+def write_figure(trial: Trial | PaperTrial, path: Path, caption: str) -> None:
+    """Draw the figure with the caption. Raises RunFileError E9011, E9012."""
     from edmctl.report.figures import actuator as figure  # matplotlib
 
-    if isinstance(trial, Trial):
-        compared = [
-            figure.Trial(
-                one.name,
-                trace.t_s,
-                trace.applied_v,
-                trace.truth_um,
-                {"Maxwell, no creep": trace.models_um["paper"], figure.OWN: trace.models_um["ours"]},
-            )
-            for one, trace in zip(trial.waveforms, trial.traces, strict=True)
-        ]
-        output_files.write(path, figure.draw(compared, path.name, words))
-        return
     panels = []
+    if isinstance(trial, Trial):
+        for result, trace in zip(trial.waveforms, trial.traces, strict=True):
+            models = {
+                "Maxwell, no creep": trace.models_um["paper"],
+                figure.OWN: trace.models_um["ours"],
+            }
+            panels.append(figure.Trial(result.name, trace.t_s, trace.applied_v, trace.truth_um, models))
+        output_files.write(path, figure.draw(panels, path.name, caption))
+        return
     for waveform, trace in zip(trial.waveforms, trial.traces, strict=True):
         model_um = trace.models_um["paper"]
         error_um = model_um - trace.sensor_um
         marks = [
             figure.Mark(
-                one.at_s,
-                float(error_um[round(one.at_s * RATE_HZ)]),
-                (one.paper_side * one.paper_low_um, one.paper_side * one.paper_high_um),
+                reading.at_s,
+                float(error_um[round(reading.at_s * RATE_HZ)]),
+                (reading.paper_side * reading.paper_low_um, reading.paper_side * reading.paper_high_um),
             )
-            for one in waveform.readings
-            if one.is_error
+            for reading in waveform.readings
+            if reading.is_error
         ]
         models = {"model of the paper": model_um}
         panels.append(figure.Trial(waveform.name, trace.t_s, trace.applied_v, trace.sensor_um, models, marks))
-    output_files.write(path, figure.draw_paper(panels, path.name, words))
+    output_files.write(path, figure.draw_paper(panels, path.name, caption))

@@ -9,20 +9,9 @@ from typing import NamedTuple
 
 from edmctl import failures
 from edmctl.actuator import waveforms as waves
-from edmctl.actuator.waveforms import (
-    FIGURE_NAMES,
-    Leg,
-    figure_command,
-    jump_train,
-    sampled,
-    servo_dither,
-    sine,
-    square,
-    triangle,
-)
-from edmctl.array_types import Array
+from edmctl.actuator.waveforms import FIGURE_NAMES, Leg, figure_command, jump_train, sampled, servo_dither
+from edmctl.array_types import Array, Flags
 from edmctl.dataclasses import dataclass
-from edmctl.errors import RecordError
 from edmctl.record.columns import TIME, VOLTAGE, read_columns
 from edmctl.simulator import actuator
 from edmctl.simulator.actuator import RATE_HZ, SLEW_V_S
@@ -36,11 +25,10 @@ FIGURES = "figures"
 """All figures of the paper that show waveforms."""
 LONGEST_S = 1800.0
 """Half an hour takes about 200 MB, and briefly 1 GB if it is written as CSV."""
-
 _PERIODIC: dict[str, tuple[Callable[[float, float, float, int, float], waves.Waveform], float]] = {
-    "sine": (sine, math.pi),
-    "triangle": (triangle, 2.0),
-    "square": (square, 2.0),
+    "sine": (waves.sine, math.pi),
+    "triangle": (waves.triangle, 2.0),
+    "square": (waves.square, 2.0),
 }
 """Steepest slope over range and frequency; a square wave's edges must fit into its period."""
 
@@ -66,10 +54,7 @@ class Waveform(NamedTuple):
 
 
 def waveforms(wanted: Wanted) -> list[Waveform]:
-    """Return the requested waveforms: one, or several for `all`.
-
-    Raises UsageError (E2010: options that do not fit together, out of range, or too long), RecordError (the file).
-    """
+    """Return the requested waveforms: one, or several for `all`."""
     shape = wanted.shape
     _refuse_misplaced(wanted)
     if shape == FIGURES or shape in FIGURE_NAMES:
@@ -121,48 +106,42 @@ def _periodic(shape: str, low_v: float, high_v: float, frequency_hz: float, cycl
 
 
 def _refuse_misplaced(wanted: Wanted) -> None:
-    """Refuse options that the waveform has no use for."""
+    """Refuse options that the waveform does not use."""
     periodic: dict[str, object] = {"--frequency": wanted.frequency_hz, "--cycles": wanted.cycles}
     ranged: dict[str, object] = {"--low": wanted.low_v, "--high": wanted.high_v}
     if wanted.shape == FIGURES or wanted.shape in FIGURE_NAMES:
         unused = {**periodic, **ranged, "--from": wanted.source}
-        why = "its voltage is that of the paper"
+        reason = "its voltage is that of the paper"
     elif wanted.shape == "csv":
         if wanted.source is None:
             raise failures.waveform_file_missing()
-        unused, why = {**periodic, **ranged}, "the file says all of the voltage"
+        unused, reason = {**periodic, **ranged}, "the file says all of the voltage"
     else:
-        unused, why = {"--from": wanted.source}, "only csv reads a file"
+        unused, reason = {"--from": wanted.source}, "only csv reads a file"
         if wanted.shape not in _PERIODIC and wanted.source is None:
-            unused, why = periodic, "only sine, square and triangle have cycles"
+            unused, reason = periodic, "only sine, square and triangle have cycles"
     for option, value in unused.items():
         if value is not None:
-            raise failures.waveform_option_unused(option=option, waveform=wanted.shape, reason=why)
+            raise failures.waveform_option_unused(option=option, waveform=wanted.shape, reason=reason)
 
 
 def command_from(path: Path, longest_s: float) -> Array:
-    """Return the voltage for every millisecond, shape (n,), interpolated from columns t_s and u_V.
-
-    Raises RecordError: E3601 to E3605 as for measured records, E3612 values that are not finite, E3613 time that
-    does not ascend, E3630 a voltage out of the actuator's range, E3631 longer than `longest_s`.
-    """
+    """Return the voltage for every millisecond, shape (n,), interpolated from columns t_s and u_V."""
     import numpy as np
 
     t_s, u_v = read_columns(path, TIME, VOLTAGE)
-    for wrong, said, hint, code in (
-        (~(np.isfinite(t_s) & np.isfinite(u_v)), "is not finite", "Correct or delete it.", "E3612"),
-        (np.diff(t_s, prepend=-math.inf) <= 0.0, "is not later than the one before", "Sort by t_s.", "E3613"),
-        (
-            (u_v < actuator.LOW_V) | (u_v > actuator.HIGH_V),
-            f"is outside {actuator.LOW_V:g} to {actuator.HIGH_V:g} V",
-            "u_V is in volts.",
-            "E3630",
-        ),
-    ):
-        if wrong.any():
-            row = int(np.argmax(wrong))
-            told = f"row {row + 1} ({t_s[row]:g} s, {u_v[row]:g} V) {said}"
-            raise RecordError(f"{path}: {told}.", hint=hint, code=code)
+    low_v, high_v = actuator.LOW_V, actuator.HIGH_V
+
+    def first(wrong: Flags) -> str:
+        row = int(np.argmax(wrong))
+        return f"{path}: row {row + 1} ({t_s[row]:g} s, {u_v[row]:g} V)"
+
+    if (wrong := ~(np.isfinite(t_s) & np.isfinite(u_v))).any():
+        raise failures.waveform_not_finite(row=first(wrong))
+    if (wrong := np.diff(t_s, prepend=-math.inf) <= 0.0).any():
+        raise failures.waveform_time_not_ascending(row=first(wrong))
+    if (wrong := (u_v < low_v) | (u_v > high_v)).any():
+        raise failures.waveform_beyond_actuator(row=first(wrong), low_v=low_v, high_v=high_v)
     length_s = float(t_s[-1] - t_s[0])
     if length_s > longest_s:
         raise failures.waveform_too_long(path=path, length_s=length_s, longest_s=longest_s)

@@ -1,4 +1,4 @@
-"""`calibrate`: check options and files, measure, fit, save."""
+"""`calibrate`: check options and files, measure, fit, compare with simpler models, validate on other data, save."""
 
 from __future__ import annotations
 
@@ -9,16 +9,22 @@ from pathlib import Path
 from typing import NamedTuple
 
 from edmctl import failures
-from edmctl.actuator.identification import LONGEST_FIXED_DELAY_S
+from edmctl.actuator.acceptance import DIFFERING, excess_of, rate_in_words, restrictions_on
+from edmctl.actuator.identification import (
+    LONGEST_FIXED_DELAY_S,
+    Identification,
+    fit_line,
+    fit_maxwell,
+    identify,
+)
 from edmctl.actuator.lever import lever_factor
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record, check_record
-from edmctl.actuator.validation import ErrorFigures, Refit
+from edmctl.actuator.validation import ErrorFigures, Refit, Validation, validate, within_rates
 from edmctl.array_types import Array
 from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import Diagnostic, EdmError, RecordError
 from edmctl.jobs import output_files
-from edmctl.jobs.calibration_fit import Findings, find
 from edmctl.jobs.connect import connected, introduction, known_controller
 from edmctl.jobs.connected_machine import CreepNote
 from edmctl.jobs.plan import MachineAddress, where_is
@@ -26,7 +32,7 @@ from edmctl.jobs.surroundings import NONE, Surroundings, Warn
 from edmctl.jsonout import JsonValue, to_json_value
 from edmctl.procedures.calibration import CalibrationPlan, measure_actuator, plan_calibration
 from edmctl.process.rest_drift import CreepLeft
-from edmctl.profile.calibration import Made, calibration_of, measured_file
+from edmctl.profile.calibration import Made, calibration_of, contradictions, measured_file
 from edmctl.profile.folders import kept_path
 from edmctl.profile.setup import Setup, load_setup
 from edmctl.quantity import half_width
@@ -39,6 +45,9 @@ from edmctl.wording import count
 LARGEST = 1e30
 """Instruments write 9.9e37 for a missing reading; squares of 1e155 overflow."""
 REFITS = ("zero", "gain")
+HELD_OUT, VALIDATION = "held-out blocks", "validation files"
+BEYOND_SHARE = 0.01
+"""Of the span of a calibration; a record that goes this far beyond is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +65,6 @@ class CalibrationRequest:
     port: str | None = None
     wait_s: float = 0.0
     controller: str = ""
-
-    @property
-    def lever_only(self) -> bool:
-        """Whether a lever factor is all that is wanted; then no machine moves, even if one is named."""
-        return self.lever is not None and not (self.sources or self.validation or self.output)
 
 
 class MeasuredRecord(NamedTuple):
@@ -116,7 +120,8 @@ def check(request: CalibrationRequest, surroundings: Surroundings = NONE) -> Che
             delay_s=request.delay_s, longest_fixed_delay_s=LONGEST_FIXED_DELAY_S
         )
     setup, plan, where = load_setup(request.setup), None, MachineAddress()
-    if not request.sources and not request.lever_only:
+    # A lever alone moves no machine, even if one is named.
+    if not (request.sources or (request.lever and not (request.validation or request.output))):
         where = where_is(request.port, setup, request.wait_s)
         if request.controller:
             where = replace(where, controller=known_controller(request.controller))
@@ -126,10 +131,11 @@ def check(request: CalibrationRequest, surroundings: Surroundings = NONE) -> Che
     paths, doubts, measured = (*request.sources, *request.validation), list[Diagnostic](), []
     for path, previous_v in zip(paths, _histories(request.previous_v, len(paths)), strict=True):
         record = read_record(path, previous_v)
-        _refuse_huge(path, {"t_s": record.t_s, "u_V": record.u_v, "y_um": record.y_um}, "E3612")
-        doubts += doubtful(check_record(record), "W3610")
+        if huge := _huge({"t_s": record.t_s, "u_V": record.u_v, "y_um": record.y_um}):
+            raise failures.record_values_too_large(file=path.name, values=huge)
+        doubts += _doubtful(record)
         measured.append(MeasuredRecord(path, record))
-    count = len(request.sources)
+    sources = len(request.sources)
     return CheckedCalibration(
         request=request,
         surroundings=surroundings,
@@ -137,49 +143,48 @@ def check(request: CalibrationRequest, surroundings: Surroundings = NONE) -> Che
         where=where,
         refit=("zero",) if words == {"zero"} else ("gain", "zero"),
         plan=plan,
-        sources=tuple(measured[:count]),
-        validation=tuple(measured[count:]),
+        sources=tuple(measured[:sources]),
+        validation=tuple(measured[sources:]),
         lever=_lever(request.lever) if request.lever else None,
         doubts=tuple(doubts),
     )
 
 
-def doubtful(sentences: Sequence[str], code: str) -> list[Diagnostic]:
-    """Turn sentences that carry their remedy into warnings."""
-    return [Diagnostic(code, sentence, "", is_warning=True) for sentence in sentences]
+def _doubtful(record: Record) -> list[Diagnostic]:
+    return [failures.record_doubtful(doubt=sentence) for sentence in check_record(record)]
 
 
-def _histories(said: Sequence[float], files: int) -> Sequence[float | None]:
+def _histories(stated_v: Sequence[float], files: int) -> Sequence[float | None]:
     """Return the voltage that was held before each file, first those of --from."""
-    if not said:
+    if not stated_v:
         return [None] * files
-    if files and len(said) == 1:
-        return [said[0]] * files
-    if len(said) == files:
-        return said
-    times = "once" if len(said) == 1 else f"{len(said)} times"
-    many = f"{files} files are named" if files > 1 else "1 file is named"
-    raise failures.previous_voltage_count(times=times, named=many if files else "no file is named")
+    if files and len(stated_v) == 1:
+        return [stated_v[0]] * files
+    if len(stated_v) == files:
+        return stated_v
+    times = "once" if len(stated_v) == 1 else f"{len(stated_v)} times"
+    named = f"{files or 'no'} {'files are' if files > 1 else 'file is'} named"
+    raise failures.previous_voltage_count(times=times, named=named)
 
 
-def _refuse_huge(path: Path, columns: Mapping[str, Array], code: str) -> None:
-    """Raise RecordError for values too large to be measurements."""
+def _huge(columns: Mapping[str, Array]) -> str:
+    """Return words for values too large to be measurements; empty without any."""
     for name, values in columns.items():
         huge = (abs(values) > LARGEST) & (abs(values) < math.inf)
         if huge.any():
             first = int(huge.argmax())
-            raise RecordError(
-                f"{path.name}: {huge.sum()} of {len(values)} values of {name} cannot have been measured, the first, "
-                f"{values[first]:g}, at sample {first + 1}.",
-                hint="Leave out the samples where the instrument gave no number, or repair the recording.",
-                code=code,
+            return (
+                f"{huge.sum()} of {len(values)} values of {name} cannot have been measured, the first, "
+                f"{values[first]:g}, at sample {first + 1}"
             )
+    return ""
 
 
 def _lever(path: Path) -> LeverFound:
     """Fit the lever factor to a file with the columns x_um and z_um."""
     x_um, z_um = read_columns(path, STACK, TOOL)
-    _refuse_huge(path, {"x_um": x_um, "z_um": z_um}, "E3622")
+    if huge := _huge({"x_um": x_um, "z_um": z_um}):
+        raise failures.lever_values_too_large(file=path.name, values=huge)
     try:
         lever = lever_factor(x_um, z_um)
     except RecordError as error:
@@ -188,20 +193,53 @@ def _lever(path: Path) -> LeverFound:
     return LeverFound(lever.factor, half_width(lever.sd), lever.offset_um, len(x_um))
 
 
+@dataclass(frozen=True, slots=True)
+class FileFigures:
+    """Errors on one validation file, with the gain and zero that were fitted to it.
+
+    judged_from_s : start of the evaluation; before it the actuator's history is unknown
+    screened : errors without the ringing start of `rung_s` and without `outliers` single samples; None if nothing is
+        left out
+    note : the same as a sentence
+    """
+
+    name: str
+    judged_from_s: float
+    max_um: float
+    rms_um: float
+    max_pct: float
+    rms_pct: float
+    range_um: float
+    gain: float
+    zero_um: float
+    screened: ErrorFigures | None = None
+    rung_s: float = 0.0
+    outliers: int = 0
+    note: str = ""
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class CalibrationReport(Result):
-    """The result of a calibration.
+    """The result of a calibration. `baselines` and `held_out_baselines` have the keys line and maxwell.
 
+    validated_screened : as `validated`, without ringing starts and outliers; None if there are none
     path : the calibration file; None if nothing was saved
     serial : of the machine that was driven; None if files were fitted
     is_own : whether the machine uses the file without naming it
     replaced : whether an older file was replaced
     """
 
-    findings: Findings
-    path: Path | None
-    serial: str | None
-    simulated: bool
+    identification: Identification
+    held_out_baselines: Mapping[str, ErrorFigures]
+    validated: ErrorFigures | None
+    validated_screened: ErrorFigures | None
+    validated_baselines: Mapping[str, ErrorFigures]
+    files: tuple[FileFigures, ...]
+    refit: tuple[Refit, ...]
+    warnings: tuple[Diagnostic, ...]
+    path: Path | None = None
+    serial: str | None = None
+    simulated: bool = False
     is_own: bool = False
     replaced: bool = False
     lever: LeverFound | None = None
@@ -213,32 +251,58 @@ class CalibrationReport(Result):
     @property
     def model(self) -> ActuatorModel:
         """The model: voltage to displacement, and back."""
-        return self.findings.identification.model
+        return self.identification.model
 
     @property
     def accepted(self) -> bool:
         """Whether the calibration is accepted."""
-        return self.findings.identification.accepted
+        return self.identification.accepted
 
     @property
     def problems(self) -> tuple[str, ...]:
         """The reasons against using it, each with its remedy."""
-        return tuple(self.findings.identification.problems)
+        return tuple(self.identification.problems)
 
     @property
     def held_out(self) -> ErrorFigures:
         """Errors on blocks of the records that the model did not see."""
-        return self.findings.held_out
+        return self.identification.held_out
 
     @property
-    def validated(self) -> ErrorFigures | None:
-        """Errors on the files to validate, None without any."""
-        return self.findings.validated
+    def baselines(self) -> Mapping[str, ErrorFigures]:
+        """Errors of the simpler models: on the validation files, else on held-out blocks."""
+        return self.validated_baselines or self.held_out_baselines
 
     def as_mapping(self) -> dict[str, object]:
         """Return the `result` of the JSON object."""
+        found = self.identification
         return {
-            **self.findings.as_mapping(),
+            "train": found.train,
+            "validate": self.validated,
+            "validate_screened": self.validated_screened,
+            "validate_files": self.files,
+            "refit": self.refit,
+            "held_out": found.held_out,
+            "held_out_model": found.held_out_model,
+            "held_out_records": found.held_out_records,
+            "beyond": found.beyond,
+            "beyond_share": found.beyond_share,
+            "noise_sd_um": found.noise.sd_um,
+            "noise_max_um": found.noise.largest_um,
+            "baselines": self.baselines,
+            "baselines_on": VALIDATION if self.validated else HELD_OUT,
+            "gamma_per_decade": found.model.gamma_per_decade,
+            "stroke_um": found.model.stroke_um,
+            "delay_s": found.model.delay_s,
+            "lag_s": found.model.lag_s,
+            "low_v": found.model.low_v,
+            "high_v": found.model.high_v,
+            "samples": found.samples,
+            "bands": asdict(found.bands),
+            "accepted": found.accepted,
+            "problems": found.problems,
+            "restrictions": found.restrictions,
+            "notes": found.notes,
             "calibration_file": str(self.path) if self.path else None,
             "serial": self.serial,
             "lever": self.lever,
@@ -247,13 +311,13 @@ class CalibrationReport(Result):
     def brief(self) -> list[str]:
         """Return whether it is accepted, and its errors."""
         errors = self.validated or self.held_out
-        accepted = "accepted with restrictions" if self.findings.identification.restrictions else "accepted"
+        accepted = "accepted with restrictions" if self.identification.restrictions else "accepted"
         verdict = accepted if self.accepted else "not accepted"
         return [verdict, f"{errors.rms_um:.2f} µm rms and {errors.max_um:.2f} µm at most on data not fitted"]
 
     def rows(self) -> list[JsonValue]:
         """Return the errors of each model, in µm and in % of the range, on data that none of them saw."""
-        errors = {"edmctl": self.validated or self.held_out, **self.findings.baselines}
+        errors = {"edmctl": self.validated or self.held_out, **self.baselines}
         return [to_json_value({"model": name, **asdict(figures)}) for name, figures in errors.items()]
 
 
@@ -276,58 +340,56 @@ def calibrate_machine(
         note.leave(CreepLeft.none(0.0))
     record = measured.record
     try:
-        warn(doubtful(check_record(record), "W3610"))
+        warn(_doubtful(record))
         if measured.lost_frames:
             warn([failures.telemetry_lost(lost_frames=measured.lost_frames)])
-        findings = _fit([record], checked, observer)
+        report = _fit([record], checked, observer)
         is_own, replaced = checked.request.output is None and where.lasting, path.exists()
-        if is_own and replaced and not findings.identification.accepted:
+        if is_own and replaced and not report.accepted:
             path = path.with_name(f"{path.stem}-not-accepted{path.suffix}")
             is_own = replaced = False
             warn([failures.calibration_in_use_stays(path=path), _kept(record, path)])
-        _save(findings, path, checked, identity.serial, simulated=identity.simulated)
+        report = replace(report, serial=identity.serial, simulated=identity.simulated)
+        report = replace(report, path=path, is_own=is_own, replaced=replaced)
+        _save(report, path, checked)
     except BaseException:
         warn([_kept(record, path)])  # it took minutes of machine time
         raise
-    return CalibrationReport(
-        findings, path, identity.serial, identity.simulated, is_own, replaced, checked.lever
-    )
+    return report
 
 
 def calibrate_files(checked: CheckedCalibration, observer: Observer) -> CalibrationReport:
     """Fit measured files, and save if the request names an output file."""
     output = checked.request.output
-    findings = _fit([given.record for given in checked.sources], checked, observer)
+    report = _fit([given.record for given in checked.sources], checked, observer)
     if output is None:
         observer.note("nothing is saved: --output FILE writes a calibration that `machine` can use")
     else:
-        _save(findings, output, checked, None, simulated=False)
-    return CalibrationReport(findings, output, None, simulated=False, lever=checked.lever)
+        _save(report, output, checked)
+    return replace(report, path=output)
 
 
-def _fit(records: Sequence[Record], checked: CheckedCalibration, observer: Observer) -> Findings:
+def _fit(records: Sequence[Record], checked: CheckedCalibration, observer: Observer) -> CalibrationReport:
     observer.note(f"fitting {count(sum(len(record.t_s) for record in records))} samples")
     validation = [given.record for given in checked.validation]
-    return find(records, validation, checked.refit, checked.request.delay_s)
+    report = find(records, validation, checked.refit, checked.request.delay_s)
+    return replace(report, lever=checked.lever)
 
 
-def _save(
-    findings: Findings, path: Path, checked: CheckedCalibration, serial: str | None, *, simulated: bool
-) -> None:
+def _save(report: CalibrationReport, path: Path, checked: CheckedCalibration) -> None:
     """Write the calibration file; a signal no longer interrupts."""
     made = Made(
         utc=datetime.now(UTC).isoformat(timespec="seconds"),
         edmctl=__version__,
-        serial=serial,
-        simulated=simulated,
+        serial=report.serial,
+        simulated=report.simulated,
         records=[
             measured_file(given.path, len(given.record.t_s), given.record.previous_v)
             for given in checked.sources
         ],
     )
-    calibration = calibration_of(
-        findings.identification, made, findings.held_out_baselines, [asdict(file) for file in findings.files]
-    )
+    files = [asdict(file) for file in report.files]
+    calibration = calibration_of(report.identification, made, report.held_out_baselines, files)
     checked.surroundings.settled()
     calibration.save(path)
 
@@ -343,3 +405,111 @@ def _kept(record: Record, path: Path) -> Diagnostic:
             continue
         return failures.measured_data_kept(kept=kept)
     return failures.measured_data_lost()
+
+
+Validated = Sequence[tuple[Record, Validation]]
+
+
+def find(
+    records: Sequence[Record], validation: Sequence[Record], refit: tuple[Refit, ...], delay_s: float | None
+) -> CalibrationReport:
+    """Identify the actuator, and compare with a straight line and the paper's Maxwell model."""
+    try:
+        found = identify(records, delay_s=delay_s)
+        late_s, counting = found.model.delay_s, found.screening
+        baselines = {
+            "line": fit_line(records, late_s, counting),
+            "maxwell": fit_maxwell(records, late_s, counting),
+        }
+    except ValueError as error:
+        raise failures.no_model_fits(error=error) from error
+    impossible = [
+        f"No actuator that feeds a tool is like that: {contradiction}. What the record shows is beyond what is "
+        "looked for, such as a lag of more than 20 ms, or t_s is not in s."
+        for contradiction in contradictions(found, found.model)
+    ]
+
+    def validated(model: ActuatorModel) -> Validated:
+        return [(record, validate(model, record, refit)) for record in validation]
+
+    own = validated(found.model)
+    found = _verified(replace(found, problems=(*found.problems, *impossible)), records, own)
+    not_accepted = (failures.calibration_not_accepted(problem=problem) for problem in found.problems)
+    has_screened = any(one.screened for _, one in own)
+    return CalibrationReport(
+        identification=found,
+        held_out_baselines={name: baseline.held_out for name, baseline in baselines.items()},
+        validated=_pooled(own) if validation else None,
+        validated_screened=_pooled(own, screened=True) if has_screened else None,
+        validated_baselines={
+            name: _pooled(validated(baseline.model)) for name, baseline in baselines.items() if validation
+        },
+        files=tuple(_file_figures(record, one) for record, one in own),
+        refit=refit,
+        warnings=(*not_accepted, *_beyond(found.model, validation)),
+    )
+
+
+def _verified(found: Identification, records: Sequence[Record], validated: Validated) -> Identification:
+    """Return the identification with the verdict of the validation files: a problem for each above the limits."""
+    problems, passed = [], list(records)
+    for record, one in validated:
+        excess = excess_of(one.errors, found.noise)
+        if not excess:
+            passed.append(record)
+            continue
+        cause = DIFFERING if found.accepted else "the fitted records show a fault already"
+        if not within_rates(record, records):
+            cause = (
+                f"it swings at another rate{rate_in_words([record])} than the fitted records"
+                f"{rate_in_words(records)}: fit records of such rates too"
+            )
+        problems.append(f"{record.name} (--validate): {excess}; {cause}.")
+    restrictions = restrictions_on(passed) if validated else found.restrictions
+    return replace(found, problems=(*found.problems, *problems), restrictions=restrictions)
+
+
+def _file_figures(record: Record, one: Validation) -> FileFigures:
+    note, left_out = "", []
+    if one.rung_s:
+        left_out.append(
+            f"its first {one.rung_s:.2g} s, where far more is missed than in all that follows, as when something "
+            "rings down or the voltage before is another than was said (--previous-voltage)"
+        )
+    if one.outliers:
+        left_out.append(f"{one.outliers} of its samples, which stand out singly")
+    if one.screened:
+        note = (
+            f"{record.name} has errors up to {one.screened.max_pct:.2f} % ({one.screened.rms_pct:.2f} % RMS) "
+        )
+        note += f"without {', and without '.join(left_out)}."
+    return FileFigures(
+        name=record.name,
+        judged_from_s=float(record.t_s[one.first]),
+        gain=one.gain,
+        zero_um=one.zero_um,
+        screened=one.screened,
+        rung_s=one.rung_s,
+        outliers=one.outliers,
+        note=note,
+        **asdict(one.errors),
+    )
+
+
+def _pooled(validated: Validated, *, screened: bool = False) -> ErrorFigures:
+    samples = [len(record.t_s) - one.first for record, one in validated]
+    errors = [one.screened if screened and one.screened else one.errors for _, one in validated]
+    return ErrorFigures.pooled(errors, samples)
+
+
+def _beyond(model: ActuatorModel, records: Sequence[Record]) -> list[Diagnostic]:
+    """Return a warning for each validation file that leaves the range of the calibration."""
+    margin_v, warnings = BEYOND_SHARE * (model.high_v - model.low_v), []
+    for record in records:
+        low_v, high_v = float(record.u_v.min()), float(record.u_v.max())
+        if low_v < model.low_v - margin_v or high_v > model.high_v + margin_v:
+            fitted = {"fitted_low_v": model.low_v, "fitted_high_v": model.high_v}
+            warnings.append(
+                failures.validation_beyond_fit(record=record.name, low_v=low_v, high_v=high_v, **fitted)
+            )
+    return warnings

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from edmctl.process.rest_drift import CreepLeft
     from edmctl.simulator import VirtualBench
 
-
 CLOCK_STEP_S = 60.0
 """Tolerated correction of a clock: meanwhile a zero drifts by 0.1 µm, less than the scatter of a touch."""
+CREEP_SCHEMA = "edmctl-creep/1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,21 +94,18 @@ def with_home(job: Job, history: MachineHistory, now: Now) -> Job:
     job = replace(job, drift_seen_um_s=contradicting_between_jobs_um_s(seen, drift_u_um_per_s))
     last = history.homes[-1]
     passed_s = now.since_s(last.utc_s, last.bench_s)
-    return (
-        job if math.isinf(passed_s) else replace(job, home_um=last.um, home_age_s=passed_s + REPORT_DELAY_S)
-    )
+    if math.isinf(passed_s):
+        return job
+    return replace(job, home_um=last.um, home_age_s=passed_s + REPORT_DELAY_S)
 
 
 def with_home_left(job: Job) -> Job:
     """Return the job with the tool's home by the journal of the interrupted run, if that is newer."""
-    left = job.resumed
-    age_s = left.home_age_s + job.pause_s + REPORT_DELAY_S if left is not None else math.nan
-    if left is None or not math.isfinite(age_s) or age_s >= job.home_age_s:
+    state = job.resumed
+    age_s = state.home_age_s + job.pause_s + REPORT_DELAY_S if state is not None else math.nan
+    if state is None or not math.isfinite(age_s) or age_s >= job.home_age_s:
         return job
-    return replace(job, home_um=left.home_um, home_age_s=age_s)
-
-
-SCHEMA = "edmctl-creep/1"
+    return replace(job, home_um=state.home_um, home_age_s=age_s)
 
 
 class CreepNote:
@@ -119,8 +116,7 @@ class CreepNote:
     """
 
     def __init__(self, bench: ConnectedMachine, where: MachineAddress, environ: Mapping[str, str]) -> None:
-        self._bench, self._is_new = bench, bench.seed is not None
-        file = where.bench_file
+        self._bench, file = bench, where.bench_file
         self._machine = str(file.resolve()) if file is not None else ""
         serial = bench.machine.identity.serial
         self._path: Path | None = creep_path(serial, environ) if where.lasting else None
@@ -130,22 +126,24 @@ class CreepNote:
 
         Without a file it is that of a use that may have ended just now.
         """
-        if self._is_new:
+        if self._bench.seed is not None:
             return None
         from edmctl.process.rest_drift import CreepLeft  # needs numpy, which a dry run does not load
 
+        unknown = CreepLeft.none(0.0)
         if self._path is None:
-            return CreepLeft.none(0.0)
+            return unknown
         try:
             values = json_of(read_bytes(self._path))
-            if values["schema"] != SCHEMA or values["machine"] != self._machine:
-                return CreepLeft.none(0.0)
-            left = CreepLeft.of(values["lags_um"], _number(values["unknown_s"], math.inf))
-            utc_s, bench_s = _number(values["utc_s"], math.nan), _number(values["bench_s"], math.nan)
+            if values["schema"] != CREEP_SCHEMA or values["machine"] != self._machine:
+                return unknown
+            unknown_s, bench_s = values["unknown_s"], values["bench_s"]
+            left = CreepLeft.of(values["lags_um"], math.inf if unknown_s is None else float(unknown_s))
+            noted_s = float(values["utc_s"]), math.nan if bench_s is None else float(bench_s)
         except (OSError, ValueError, KeyError, TypeError, OverflowError):
-            return CreepLeft.none(0.0)
-        passed_s = self._bench.now.since_s(utc_s, bench_s)
-        return left.after(passed_s) if passed_s < math.inf else CreepLeft.none(0.0)
+            return unknown
+        passed_s = self._bench.now.since_s(*noted_s)
+        return left.after(passed_s) if passed_s < math.inf else unknown
 
     def take_away(self) -> None:
         """Remove the file before the actuator moves. Raises RunFileError E9012 if that fails: it would mislead."""
@@ -162,24 +160,17 @@ class CreepNote:
         """Write the remaining creep. A disk error is ignored: the next command knows less."""
         if self._path is None:
             return
+        bench_s = self._bench.now.bench_s
         values = {
-            "schema": SCHEMA,
+            "schema": CREEP_SCHEMA,
             "machine": self._machine,
             "utc_s": time.time(),
-            "bench_s": _or_none(self._bench.now.bench_s),
+            "bench_s": bench_s if math.isfinite(bench_s) else None,
             "lags_um": left.um.tolist(),
-            "unknown_s": _or_none(left.unknown_s),
+            "unknown_s": left.unknown_s if math.isfinite(left.unknown_s) else None,
         }
         with suppress(OSError):
             self._path.parent.mkdir(parents=True, exist_ok=True)
             beside = self._path.with_suffix(".new")
             beside.write_text(json.dumps(values, allow_nan=False), encoding="utf-8")
             beside.replace(self._path)
-
-
-def _number(value: float | None, instead: float) -> float:
-    return instead if value is None else float(value)
-
-
-def _or_none(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -60,19 +60,19 @@ class Choice:
     text: str = ""
 
 
-def refuse_unasked(setup: Setup, *, allow_model: bool) -> None:
-    """Raise PreconditionError E8030 if no sensor is fitted and the request does not allow the model instead."""
-    if not (setup.sensor.fitted or allow_model):
-        raise failures.no_sensor_fitted()
-
-
-def look_at_named(option: Path | None, environ: Mapping[str, str], setup: Setup, profile: Profile) -> None:
+def check_named_calibration(
+    option: Path | None, environ: Mapping[str, str], setup: Setup, profile: Profile, *, allow_model: bool
+) -> None:
     """Load a named calibration, so that its errors are reported before anything is connected.
 
-    Raises PreconditionError E8035 for a setup without a sensor that does not condition the actuator.
+    Raises PreconditionError: E8030 no sensor is fitted and the request does not allow the model instead, E8035 a
+    setup without a sensor does not condition the actuator.
     """
-    if not (setup.sensor.fitted or setup.actuator.conditioning_cycles):
-        raise failures.conditioning_off_without_sensor()
+    if not setup.sensor.fitted:
+        if not allow_model:
+            raise failures.no_sensor_fitted()
+        if not setup.actuator.conditioning_cycles:
+            raise failures.conditioning_off_without_sensor()
     if named := find_kept("calibration", environ, setup.actuator.calibration, None, option):
         _loaded(named, setup, profile)
 
@@ -98,26 +98,45 @@ def choose(
     path = find_kept("calibration", environ, setup.actuator.calibration, serial if lasting else None, option)
     if path is None:
         if not setup.sensor.fitted:
-            named = failures.no_calibration_of_machine if lasting else failures.no_calibration_named
-            raise named(serial=serial, calibrate=calibrate)
+            missing = failures.no_calibration_of_machine if lasting else failures.no_calibration_named
+            raise missing(serial=serial, calibrate=calibrate)
         swings = setup.actuator.conditioning_cycles
         model = "quick, from the conditioning swings" if swings else "none, without conditioning swings"
         return Choice(None, ModelUsed(alone=False, path=None, sha256=None, accepted=None, text=model))
     calibration = _loaded(path, setup, profile)
-    quality, short, is_own = (
-        calibration.quality,
-        calibration.sha256[:SHORT_HASH],
-        calibration.serial == serial,
-    )
-    words = "accepted" if quality.accepted else "not accepted"
-    if quality.accepted and quality.restrictions:
-        words = "accepted with restrictions"
-    another = "" if is_own else f", of {owner(calibration)}, not of {serial}"
-    text = f"calibration {path} (sha256 {short}, {words}{another})"
+    quality, sha256 = calibration.quality, calibration.sha256[:SHORT_HASH]
+    verdict, warnings = "accepted", list[Diagnostic]()
+    if calibration.serial != serial:
+        warnings.append(failures.calibration_of_another(path=path, owner=owner(calibration), serial=serial))
+    if not quality.accepted:
+        verdict = "not accepted"
+        warnings.append(failures.unaccepted_calibration(path=path, problems=" ".join(quality.problems)))
+    elif quality.restrictions:
+        verdict = "accepted with restrictions"
+        restrictions = " Accepted ".join(quality.restrictions)
+        warnings.append(failures.calibration_restricted(path=path, restrictions=restrictions))
+    if not _covers(calibration, profile):
+        model_v, top_v = calibration.actuator, profile.limits.stroke_v_max
+        warnings.append(
+            failures.calibration_too_narrow(
+                path=path, low_v=model_v.low_v, high_v=model_v.high_v, top_v=top_v
+            )
+        )
+    if not setup.sensor.fitted:
+        warnings.append(
+            failures.no_sensor(
+                rms_um=quality.held_out.rms_um,
+                max_um=quality.held_out.max_um,
+                gain_sd_between_days=100 * GAIN_SD_BETWEEN_DAYS,
+                load_um_per_n=LOAD_UM_PER_N,
+            )
+        )
+    another = "" if calibration.serial == serial else f", of {owner(calibration)}, not of {serial}"
+    text = f"calibration {path} (sha256 {sha256}, {verdict}{another})"
     return Choice(
         actuator=CalibratedActuator(calibration.model(), quality.held_out.rms_um),
-        used=ModelUsed(not setup.sensor.fitted, str(path), short, quality.accepted, text),
-        warnings=tuple(_doubts(path, calibration, setup, profile, serial)),
+        used=ModelUsed(not setup.sensor.fitted, str(path), sha256, quality.accepted, text),
+        warnings=tuple(warnings),
         text=read_source(path).text,
     )
 
@@ -156,35 +175,6 @@ def _loaded(path: Path, setup: Setup, profile: Profile) -> Calibration:
     return calibration
 
 
-def _doubts(
-    path: Path, calibration: Calibration, setup: Setup, profile: Profile, serial: str
-) -> list[Diagnostic]:
-    doubts, quality, model = [], calibration.quality, calibration.actuator
-    if calibration.serial != serial:
-        doubts.append(failures.calibration_of_another(path=path, owner=owner(calibration), serial=serial))
-    if not quality.accepted:
-        doubts.append(failures.unaccepted_calibration(path=path, problems=" ".join(quality.problems)))
-    elif quality.restrictions:
-        doubts.append(
-            failures.calibration_restricted(path=path, restrictions=" Accepted ".join(quality.restrictions))
-        )
-    if not _covers(calibration, profile):
-        top_v = profile.limits.stroke_v_max
-        doubts.append(
-            failures.calibration_too_narrow(path=path, low_v=model.low_v, high_v=model.high_v, top_v=top_v)
-        )
-    if not setup.sensor.fitted:
-        doubts.append(
-            failures.no_sensor(
-                rms_um=quality.held_out.rms_um,
-                max_um=quality.held_out.max_um,
-                gain_sd_between_days=100 * GAIN_SD_BETWEEN_DAYS,
-                load_um_per_n=LOAD_UM_PER_N,
-            )
-        )
-    return doubts
-
-
 @dataclass(frozen=True, slots=True)
 class DriftChoice:
     """The drift that a job corrects, None without a usable file; the file in words, its text, and warnings.
@@ -215,33 +205,31 @@ def choose_drift(
         return DriftChoice()
     from edmctl.profile.drift_file import DriftFile
 
-    found = DriftFile.load(path)
-    if found.made.serial != serial:
-        return _ignored(failures.drift_file_of_another(path=path, owner=found.made.serial, serial=serial))
-    age_s = found.age_s()
-    if not age_s >= -CLOCK_STEP_S:
-        return _ignored(failures.drift_file_without_date(path=path))
-    if age_s > setup.drift.max_age_days * _DAY_S:
+    file, warning = DriftFile.load(path), None
+    age_s, most_days = file.age_s(), setup.drift.max_age_days
+    if file.made.serial != serial:
+        warning = failures.drift_file_of_another(path=path, owner=file.made.serial, serial=serial)
+    elif not age_s >= -CLOCK_STEP_S:
+        warning = failures.drift_file_without_date(path=path)
+    elif age_s > most_days * _DAY_S:
         age = plural(int(age_s / _DAY_S), "day")
-        return _ignored(failures.drift_file_too_old(path=path, age=age, most_days=setup.drift.max_age_days))
-    words = f"drift file {path} (sha256 {found.sha256[:12]})"
-    model, measured = believed(found.model(), setup), found.measured
+        warning = failures.drift_file_too_old(path=path, age=age, most_days=most_days)
+    if warning is not None:
+        return DriftChoice(warnings=(warning,))
+    text = f"drift file {path} (sha256 {file.sha256[:SHORT_HASH]})"
+    model, measured = assumed_drift(file.model(), setup), file.measured
     touch = Value(measured.touch_um_per_s, measured.touch_u_um_per_s).widened(model.apart_u_um_per_s)
-    return DriftChoice(model, words, read_source(path).text, touch_um_per_s=touch)
+    return DriftChoice(model, text, read_source(path).text, touch_um_per_s=touch)
 
 
-def believed(model: DriftModel, setup: Setup) -> DriftModel:
+def assumed_drift(model: DriftModel, setup: Setup) -> DriftModel:
     """Return the model of a job: the drift between tool and workpiece may have changed since it was measured."""
     apart_u_um_per_s = math.hypot(model.apart_u_um_per_s, setup.drift.apart_u_um_per_s)
     return replace(model, apart_u_um_per_s=apart_u_um_per_s)
 
 
-def doubts_of_use(choice: DriftChoice, unknown_use_s: float) -> list[Diagnostic]:
+def unknown_use_warning(choice: DriftChoice, unknown_use_s: float) -> list[Diagnostic]:
     """Return a warning if creep of an unknown use of the actuator may affect the zero-voltage holds."""
     if choice.model is None or unknown_use_s >= FADED_S:
         return []
     return [failures.actuator_use_unknown(unknown_use_s=duration(unknown_use_s))]
-
-
-def _ignored(warning: Diagnostic) -> DriftChoice:
-    return DriftChoice(warnings=(warning,))

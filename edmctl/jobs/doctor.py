@@ -26,7 +26,6 @@ from edmctl.machine.faults import INTERLOCKS
 from edmctl.machine.interface import (
     MachineListener,
     MachineState,
-    MachineStatus,
     PulseLog,
     PulseMode,
     PulseSettings,
@@ -70,7 +69,7 @@ class Checks:
 
     def fail(self, name: str, error: EdmError) -> None:
         """Add a check that ended with an error."""
-        self.done.append(fail(name, error.message, error.hint))
+        self.add(fail(name, error.message, error.hint))
 
     def as_list(self) -> list[dict[str, str]]:
         """Every check as a mapping of plain values."""
@@ -109,19 +108,18 @@ def versions() -> Check:
 
 def run_folder(folder: Path) -> Check:
     """Whether run files can be written, and how much room there is."""
-    place = folder.absolute()
-    while not place.exists() and place != place.parent:
-        place = place.parent
+    absolute = folder.absolute()
+    place = next((path for path in (absolute, *absolute.parents) if path.exists()), absolute)
     if not (place.is_dir() and os.access(place, os.W_OK | os.X_OK)):
         fix = "Name another folder with --out, or allow writing there."
         return fail("run folder", f"{folder} cannot be written.", fix)
     free_bytes = shutil.disk_usage(place).free
-    told = f"{folder}: {free_bytes / 1e9:.1f} GB free"
+    free = f"{folder}: {free_bytes / 1e9:.1f} GB free"
     if free_bytes < LEAST_FREE_BYTES:
-        return fail("run folder", f"{told}.", "Free some space, or name another disk with --out.")
+        return fail("run folder", f"{free}.", "Free some space, or name another disk with --out.")
     if free_bytes < COMFORTABLE_FREE_BYTES:
-        return warn("run folder", f"{told}.", "Free some space before a long job.")
-    return ok("run folder", told)
+        return warn("run folder", f"{free}.", "Free some space before a long job.")
+    return ok("run folder", free)
 
 
 def load(checks: Checks, path: Path | None) -> Setup:
@@ -133,25 +131,20 @@ def load(checks: Checks, path: Path | None) -> Setup:
         return Setup()
 
 
-def setup_used(setup: Setup) -> Check:
-    """Return which setup is in effect."""
-    return ok("setup", setup.in_words())
-
-
 def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str) -> Check:
-    """Whether the calibration that a job would use is there, can be read, and is of this machine."""
-    fresh = not where_is(port or None, setup).lasting
-    path = find_kept("calibration", environ, setup.actuator.calibration, None if fresh else serial)
-    remedy = f"Run `{on_machine('edmctl calibrate', port)}`."
-    if fresh:
-        # It is the same machine again only with its seed, which its number tells.
+    """Whether the calibration that a job would use exists, can be read, and is of this machine."""
+    path = find_kept("calibration", environ, setup.actuator.calibration, serial)
+    missing, remedy = f"None of {serial}", f"Run `{on_machine('edmctl calibrate', port)}`."
+    if not where_is(port or None, setup).lasting:
+        # It is the same machine again only with its seed, which its serial number contains.
+        path = find_kept("calibration", environ, setup.actuator.calibration, None)
         seed = serial.removeprefix("SIM-")
+        missing = "None is named"
         remedy = f"Run `edmctl calibrate --seed {seed}`, and name its file with --calibration."
     if path is None:
-        none = "None is named" if fresh else f"None of {serial}"
         if setup.sensor.fitted:
-            return warn("calibration", f"{none}; a job makes a quick one of its own.", remedy)
-        return fail("calibration", f"{none}, and no displacement sensor is fitted.", remedy)
+            return warn("calibration", f"{missing}; a job makes a quick one of its own.", remedy)
+        return fail("calibration", f"{missing}, and no displacement sensor is fitted.", remedy)
     try:
         found = Calibration.load(path)
     except EdmError as error:
@@ -172,23 +165,18 @@ def line_settings(selector: str | None, sys: Path = _SYS, proc: Path = _PROC) ->
     latency = sys / "bus" / "usb-serial" / "devices" / Path(device).name / "latency_timer"
     with suppress(OSError, ValueError):
         wait_ms = int(latency.read_text())
-        told = f"The adapter keeps bytes back for {wait_ms} ms."
+        slow = f"The adapter keeps bytes back for {wait_ms} ms."
         fix = f"Install the udev rule of docs/, or `echo {LOW_LATENCY_MS} | sudo tee {latency}`."
         is_slow = wait_ms > LOW_LATENCY_MS
-        checks.append(warn("latency timer", told, fix) if is_slow else ok("latency timer", f"{wait_ms} ms"))
-    if _runs("ModemManager", proc):
-        told = "ModemManager runs; it sends AT commands into a port that has just been plugged in."
-        fix = "Install the udev rule of docs/, or `sudo systemctl disable --now ModemManager`."
-        checks.append(warn("ModemManager", told, fix))
-    return checks
-
-
-def _runs(program: str, proc: Path) -> bool:
+        checks.append(warn("latency timer", slow, fix) if is_slow else ok("latency timer", f"{wait_ms} ms"))
     for comm in proc.glob("[0-9]*/comm"):
         with suppress(OSError):
-            if comm.read_text().strip() == program:
-                return True
-    return False
+            if comm.read_text().strip() == "ModemManager":
+                found = "ModemManager runs; it sends AT commands into a port that has just been plugged in."
+                fix = "Install the udev rule of docs/, or `sudo systemctl disable --now ModemManager`."
+                checks.append(warn("ModemManager", found, fix))
+                break
+    return checks
 
 
 QUESTIONS = 100
@@ -213,12 +201,25 @@ def look(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     before = machine.link_report()
     checks.add(*_identity(machine), _round_trip(machine), _samples(machine), _line(machine, before))
     status, latched = machine.status(), machine.latched_fault()
-    for bit, (name, words, fix) in INTERLOCKS.items():
+    for bit, (name, state, fix) in INTERLOCKS.items():
         name = f"interlock {name}"
         is_open = bit in status.interlocks
-        checks.add(fail(name, f"Open: {words}.", fix) if is_open else ok(name, "closed"))
+        checks.add(fail(name, f"Open: {state}.", fix) if is_open else ok(name, "closed"))
     checks.add(fail("fault", latched.message, latched.hint) if latched else ok("fault", "none latched"))
-    checks.add(_actuator(status), _sensor(status, setup))
+    monitored = f"{decimal(status.actuator_v)} V commanded, the monitor shows {decimal(status.monitor_v)} V"
+    if abs(status.monitor_v - status.actuator_v) <= FOLLOWS_V:
+        checks.add(ok("actuator", monitored))
+    else:
+        fix = "Switch the amplifier on, and check its cable to the actuator and its monitor output."
+        checks.add(fail("actuator", f"{monitored}.", fix))
+    displacement = f"{decimal(status.displacement_um)} µm at {decimal(status.actuator_v)} V"
+    if not setup.sensor.fitted:
+        checks.add(ok("displacement", "no sensor fitted"))
+    elif status.actuator_v == 0.0 and abs(status.displacement_um) > REST_UM:
+        fix = "Check the zero of the displacement sensor and its fixing."
+        checks.add(warn("displacement", f"{displacement}.", fix))
+    else:
+        checks.add(ok("displacement", displacement))
     place = f"{coordinates(status.x_um, status.y_um, 1)}, {status.theta_deg:g}°"
     checks.add(ok("stages", f"counted at {place}; the controller cannot measure where they are"))
     checks.add(ok("dielectric", f"{decimal(status.temperature_c, 1)} °C, {status.flow_lpm:.2f} L/min"))
@@ -245,8 +246,8 @@ def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     except EdmError as error:
         checks.fail("gap sensor", error)
     else:
-        told = f"{gap_v:.2f} V of {GAP_V * GAP_DUTY:.2f} V with the generator on, none with it off"
-        checks.add(ok("gap sensor", told))
+        read = f"{gap_v:.2f} V of {GAP_V * GAP_DUTY:.2f} V with the generator on, none with it off"
+        checks.add(ok("gap sensor", read))
 
 
 def _identity(machine: LinkMachine) -> list[Check]:
@@ -254,21 +255,21 @@ def _identity(machine: LinkMachine) -> list[Check]:
     kind = "virtual machine" if identity.simulated else f"board {hello.board}"
     rate = f", {hello.baud} baud" if hello.baud else ""
     clock = Clock(hello.clock).name.lower()
-    told = (
-        f"{identity.serial}, {kind}, firmware {identity.firmware}, protocol {identity.protocol}, "
-        f"{clock} clock{rate}"
-    )
-    checks = [ok("controller", told), ok("schema", f"0x{SCHEMA_HASH:08X} on both sides")]
+    versions = f"firmware {identity.firmware}, protocol {identity.protocol}, {clock} clock{rate}"
+    checks = [
+        ok("controller", f"{identity.serial}, {kind}, {versions}"),
+        ok("schema", f"0x{SCHEMA_HASH:08X} on both sides"),
+    ]
     if not identity.simulated:
         checks.append(_firmware(hello, identity.transport))
     cause = f"reset cause {hello.reset_cause}"
     with suppress(ValueError):
         cause = ResetCause(hello.reset_cause).name.lower().replace("_", " ")
-    told = f"boot {hello.boot_count}, {cause}"
+    start = f"boot {hello.boot_count}, {cause}"
     if hello.reset_cause in (ResetCause.WATCHDOG, ResetCause.BROWN_OUT):
         fix = "Look for a weak 5 V supply, a loose plug or a relay on the same supply."
-        return [*checks, warn("start", f"{told}: the controller restarted by itself.", fix)]
-    return [*checks, ok("start", told)]
+        return [*checks, warn("start", f"{start}: the controller restarted by itself.", fix)]
+    return [*checks, ok("start", start)]
 
 
 def _firmware(hello: HelloReply, port: str) -> Check:
@@ -283,12 +284,10 @@ def _firmware(hello: HelloReply, port: str) -> Check:
         return ok("firmware", f"{dotted(runs)} of {board.title}")
     if runs == builds:
         return ok("firmware", f"{dotted(runs)} of {board.title}, that of this edmctl")
-    if runs > builds:
-        told = f"{dotted(runs)}, newer than the {dotted(builds)} of this edmctl."
-        return warn("firmware", told, "Update edmctl.")
+    is_newer = runs > builds
+    compared = f"{dotted(runs)}, {'newer' if is_newer else 'older'} than the {dotted(builds)} of this edmctl."
     fix = f"`edmctl firmware build --board {board.name}`, `edmctl firmware flash edmctl-{board.name}.bin"
-    fix += f" --port {port}`."
-    return warn("firmware", f"{dotted(runs)}, older than the {dotted(builds)} of this edmctl.", fix)
+    return warn("firmware", compared, "Update edmctl." if is_newer else f"{fix} --port {port}`.")
 
 
 def _round_trip(machine: LinkMachine) -> Check:
@@ -300,12 +299,12 @@ def _round_trip(machine: LinkMachine) -> Check:
         times_s.append(time.perf_counter() - start_s)
     times_s.sort()
     p50_s, p99_s = times_s[QUESTIONS // 2], times_s[QUESTIONS - 2]
-    told = f"{1e3 * p50_s:.2f} ms, {1e3 * p99_s:.2f} ms at the 99th percentile of {QUESTIONS}"
+    measured = f"{1e3 * p50_s:.2f} ms, {1e3 * p99_s:.2f} ms at the 99th percentile of {QUESTIONS}"
     if p99_s <= SLOW_S or machine.identity.simulated:
-        return ok("round trip", told)
+        return ok("round trip", measured)
     adapter = is_adapter(machine.identity.transport)
     timer = "; on an FTDI adapter set its latency timer to 1 ms." if adapter else "."
-    return warn("round trip", f"{told}.", f"Close what keeps the computer busy{timer}")
+    return warn("round trip", f"{measured}.", f"Close what keeps the computer busy{timer}")
 
 
 class _Counted(MachineListener):
@@ -318,46 +317,28 @@ class _Counted(MachineListener):
 
 
 def _samples(machine: LinkMachine) -> Check:
-    """Whether the samples come that every motion is judged by."""
-    counted, wanted = _Counted(), round(SAMPLED_S * 1e6 / SAMPLE_PERIOD_US)
+    """Whether the samples arrive that every motion depends on."""
+    counted, due = _Counted(), round(SAMPLED_S * 1e6 / SAMPLE_PERIOD_US)
     machine.start_telemetry(TelemetrySettings(SAMPLE_PERIOD_US, 10, PulseLog.OFF), counted)
     machine.rest(SAMPLED_S)
     machine.stop_telemetry()
-    told = f"{counted.samples} of {wanted} in {SAMPLED_S:g} s"
-    if counted.samples >= SAMPLES_SHARE * wanted:
-        return ok("samples", told)
+    came = f"{counted.samples} of {due} in {SAMPLED_S:g} s"
+    if counted.samples >= SAMPLES_SHARE * due:
+        return ok("samples", came)
     fix = "See that no other program reads the port, then restart the controller; without samples no job "
-    return fail("samples", f"Only {told} came.", f"{fix}continues. {stages_by_hand()}")
+    return fail("samples", f"Only {came} came.", f"{fix}continues. {stages_by_hand()}")
 
 
 def _line(machine: LinkMachine, before: LinkReport) -> Check:
-    """How the line has done since `before`: half a frame of a session that broke off is older."""
+    """Return the errors of the line since `before`: half a frame of an earlier session is older."""
     report = machine.link_report()
     here = report.bad_frames - before.bad_frames
     there = report.controller_bad_frames - before.controller_bad_frames
     repeated = report.retries - before.retries
-    told = (
-        f"{report.frames_sent} frames out, {report.frames_received} in; damaged {here} here and {there} there, "
-        f"{repeated} repeated"
+    frames = (
+        f"{report.frames_sent} frames out, {report.frames_received} in; damaged {here} here and {there} there"
     )
     if not (here or there or repeated):
-        return ok("line", told)
+        return ok("line", f"{frames}, {repeated} repeated")
     fix = "Lay the cable away from the generator, use a shielded one with a ferrite, and check the ground."
-    return warn("line", f"{told}.", fix)
-
-
-def _actuator(status: MachineStatus) -> Check:
-    told = f"{decimal(status.actuator_v)} V commanded, the monitor shows {decimal(status.monitor_v)} V"
-    if abs(status.monitor_v - status.actuator_v) <= FOLLOWS_V:
-        return ok("actuator", told)
-    fix = "Switch the amplifier on, and check its cable to the actuator and its monitor output."
-    return fail("actuator", f"{told}.", fix)
-
-
-def _sensor(status: MachineStatus, setup: Setup) -> Check:
-    if not setup.sensor.fitted:
-        return ok("displacement", "no sensor fitted")
-    told = f"{decimal(status.displacement_um)} µm at {decimal(status.actuator_v)} V"
-    if status.actuator_v == 0.0 and abs(status.displacement_um) > REST_UM:
-        return warn("displacement", f"{told}.", "Check the zero of the displacement sensor and its fixing.")
-    return ok("displacement", told)
+    return warn("line", f"{frames}, {repeated} repeated.", fix)

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl import failures
-from edmctl.dataclasses import dataclass, field
+from edmctl.dataclasses import dataclass, field, replace
 from edmctl.errors import EdmError, MachineFault, ObjectiveNotReached, PreconditionError, RunFileError
 from edmctl.jobs.corrections import ModelUsed
-from edmctl.jobs.ledger.job_ledger import DONE, JobLedger
+from edmctl.jobs.job_ledger import DONE, JobLedger
 from edmctl.jobs.plan import Plan, Resumption
-from edmctl.jobs.resume import find_run, refuse_elsewhere, refuse_untouchable, taken_up
+from edmctl.jobs.resume import find_run, refuse_elsewhere, refuse_untouchable, resumed_job
 from edmctl.jobs.run_context import RunContext, connected_run, ending
 from edmctl.jobs.run_header import RunName
 from edmctl.jobs.runs.opening import resume_command
@@ -35,7 +35,7 @@ from edmctl.record.journal import JournalFile, JournalledJob, remove_journal
 from edmctl.record.rows import TruthMap
 from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
 from edmctl.results.progress import Observer
-from edmctl.results.result import Result, html_table
+from edmctl.results.result import Result
 from edmctl.wording import length
 
 if TYPE_CHECKING:  # a job on hardware loads no simulator
@@ -81,30 +81,20 @@ class Report(Result):
         """Whether a hole or a channel was measured or left."""
         return bool(self.sites) or self.channel is not None
 
+    @property
+    def _made(self) -> Sequence[SiteResult | ChannelResult]:
+        return self.sites if self.channel is None else [self.channel]
+
     def brief(self) -> list[str]:
         """Return how many holes there are, and how deep the first one is."""
-        made = self.channel or (self.sites[0] if self.sites else None)
-        found = [] if made is None else [f"depth {_depth(made)}"]
-        return [*([f"{len(self.sites)} holes"] if len(self.sites) > 1 else []), *found]
+        holes = [f"{len(self.sites)} holes"] if len(self.sites) > 1 else []
+        return [*holes, *(f"depth {_depth(made)}" for made in self._made[:1])]
 
     def rows(self) -> list[JsonValue]:
         """Return one row a hole, or the channel."""
-        told = self.to_dict()
-        sites = told["sites"] if self.channel is None else [told["channel"]]
+        values = self.to_dict()
+        sites = values["sites"] if self.channel is None else [values["channel"]]
         return sites if isinstance(sites, list) else []
-
-    def _repr_html_(self) -> str:
-        lines = [
-            (
-                one.name,
-                _depth(one),
-                marked(length(one.wear_um, one.wear_u95_um), one.wear_basis),
-                str(one.depth_basis),
-                str(one.verdict or ""),
-            )
-            for one in (self.sites if self.channel is None else [self.channel])
-        ]
-        return html_table(("site", "depth", "tool wear", "basis", "verdict"), lines, self.error)
 
     def as_mapping(self) -> dict[str, object]:
         """Return the `result` of the JSON object."""
@@ -166,7 +156,7 @@ def carry_out(
                     store=store,
                 )
     if run.error is not None:
-        tell_way_on(run.error, plan, name)
+        add_way_on(run.error, plan, name)
     return _report(run, true_wear)
 
 
@@ -227,7 +217,7 @@ RESTARTED = "E4005"
 """The stage positions have to be confirmed after a restart of the controller."""
 
 
-def tell_way_on(error: EdmError, plan: Plan, name: RunName | None) -> None:
+def add_way_on(error: EdmError, plan: Plan, name: RunName | None) -> None:
     """Add the command that resumes the job to the hint of an error, if there is a journal for it."""
     if name is None or isinstance(error, ObjectiveNotReached) or not name.journal.exists():
         return
@@ -251,34 +241,34 @@ class JobCheckpoint:
     run: RunContext
     truth: Callable[[], Mapping[str, object] | None] = lambda: None
     _file: JournalFile | None = None
-    _left: JobState | None = None
+    _newest: JobState | None = None
 
     def begin(self, job: Job) -> Job:
         """Return the job with the progress of an earlier run, and write its first state.
 
         The journal of the earlier run is replaced.
         """
-        resumption = self.run.plan.resumed
+        run, resumption = self.run, self.run.plan.resumed
         if resumption is not None:
-            job = taken_up(resumption, job, self.run.bench.now)
-        if self.run.name is None or not self.run.plan.where.lasting:
+            job = resumed_job(resumption, job, run.bench.now)
+        if run.name is None or not run.plan.where.lasting:
             return job
-        self._file = JournalFile(
-            self.run.name.journal,
-            self._job(job),
-            self._stages_um,
-            self.truth,
-            self.run.bench.kept_s,
-            self.run.disk,
-        )
+
+        def stages_um() -> tuple[float, float]:
+            status = run.bench.machine.status()
+            return status.x_um, status.y_um
+
+        journalled = self._journalled(job, run.name)
+        kept_s = run.bench.kept_s
+        self._file = JournalFile(run.name.journal, journalled, stages_um, self.truth, kept_s, run.disk)
         tool = job.profile.tool.label
         self.keep(after_pause(job) if resumption else JobState(PHASE_BEFORE, 0.0, tool), urgent=True)
-        if resumption is not None and resumption.path != self.run.name.journal:
+        if resumption is not None and resumption.path != run.name.journal:
             remove_journal(resumption.path)
         return job
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
-        """Hand a state on; a bench in a file is written first, so its work is never older than the journal."""
+        """Pass a state on; a bench in a file is written first, so its work is never older than the journal."""
         if self._file is None:
             return
         if urgent:
@@ -286,12 +276,12 @@ class JobCheckpoint:
         else:
             self.run.bench.keep()
         self._file.keep(state, urgent=urgent)
-        self._left = state
+        self._newest = state
 
     def leave(self, error: BaseException) -> None:
         """Remove the journal of a job that was refused, or ended by a fault, before it touched or cut anything."""
-        left = self._left
-        if left is None or left.has_cut or left.z1_touches:
+        state = self._newest
+        if state is None or state.has_cut or state.z1_touches:
             return
         if isinstance(error, MachineFault):
             error.hint = f"{error.hint} Nothing was cut: start the job again, without --resume."
@@ -303,17 +293,11 @@ class JobCheckpoint:
         if self._file is not None:
             self._file.remove()
 
-    def _stages_um(self) -> tuple[float, float]:
-        status = self.run.bench.machine.status()
-        return status.x_um, status.y_um
-
-    def _job(self, job: Job) -> JournalledJob:
-        assert self.run.name is not None
+    def _journalled(self, job: Job, name: RunName) -> JournalledJob:
         plan, request, machine = self.run.plan, self.run.plan.request, self.run.bench.machine
-        resumption = plan.resumed
         return JournalledJob(
-            run_id=self.run.name.run_id,
-            start=self.run.name.start.isoformat(timespec="milliseconds"),
+            run_id=name.run_id,
+            start=name.start.isoformat(timespec="milliseconds"),
             profile=str(plan.loaded.path.resolve()),
             overrides=request.overrides,
             profile_sha256=plan.loaded.sha256,
@@ -330,7 +314,7 @@ class JobCheckpoint:
             places=tuple(
                 (site.name, site.x_um, site.y_um, site.theta_deg, site.depth_um) for site in job.sites
             ),
-            parents=resumption.job.family if resumption else (),
+            parents=plan.resumed.job.family if plan.resumed else (),
         )
 
 
@@ -359,26 +343,29 @@ def channel_truth(profile: Profile, bench: VirtualBench, wear_um: float) -> Chan
     return ChannelTruth(float(floor_um.mean()), float(floor_um.std()), error_um, wear_um)
 
 
-LEFT = "left"
+ABANDONED = "left"
 """Name of an abandoned hole; with a number and a space it cannot be the name of a site."""
 
 
 @dataclass(slots=True, eq=False)
 class TrueWear:
-    """A journal on the way to `journal`. `before_um` is the tool's wear when the job begins."""
+    """Notes the true wear at each site, and passes job states to `journal`.
+
+    `before_um` is the tool's wear when the job begins.
+    """
 
     bench: VirtualBench
     journal: StateStore
     before_um: float = 0.0
     _at_end_um: dict[str, float] = field(default_factory=dict)
-    _given_up_um: float = math.inf
+    _abandoned_um: float = math.inf
 
     def __post_init__(self) -> None:
         self.before_um = self.bench.tool_wear_um
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
-        """Note the wear at the end of every site that is done by now, and hand the state on."""
-        self._look()
+        """Note the wear at the end of every site that is done by now, and pass the state on."""
+        self._note_abandoned()
         newest_first = (str(site["name"]) for site in reversed(state.done))
         finished = list(takewhile(lambda name: name not in self._at_end_um, newest_first))
         self._at_end_um |= dict.fromkeys(reversed(finished), self.bench.tool_wear_um)
@@ -386,7 +373,7 @@ class TrueWear:
 
     def as_mapping(self) -> dict[str, object]:
         """Return the state that a resumed run needs."""
-        self._look()
+        self._note_abandoned()
         return {"tool_wear_um": self.before_um, "at_end_um": dict(self._at_end_um)}
 
     def resume(self, resumed: Resumption) -> None:
@@ -400,11 +387,11 @@ class TrueWear:
         self.before_um = float(truth["tool_wear_um"])
         self._at_end_um = {str(name): float(wear_um) for name, wear_um in truth["at_end_um"].items()}
         if resumed.restart_hole:
-            self._given_up_um = self.bench.tool_wear_um
+            self._abandoned_um = self.bench.tool_wear_um
 
     def of_site(self, name: str) -> float:
         """Return the true wear at a site, up to now if the job has not left it."""
-        self._look()
+        self._note_abandoned()
         names = list(self._at_end_um)
         if name not in self._at_end_um:
             return self.bench.tool_wear_um - max([self.before_um, *self._at_end_um.values()])
@@ -413,13 +400,13 @@ class TrueWear:
         return self._at_end_um[name] - begin_um
 
     def at_end_of(self, name: str) -> float:
-        """All that the tool had lost when it left a site, or by now."""
+        """Return the wear of the tool when it left a site, or by now."""
         return self._at_end_um.get(name, self.bench.tool_wear_um)
 
-    def _look(self) -> None:
-        if self.bench.tool_wear_um > self._given_up_um:
-            self._at_end_um[f"{LEFT} {len(self._at_end_um)}"] = self._given_up_um
-            self._given_up_um = math.inf
+    def _note_abandoned(self) -> None:
+        if self.bench.tool_wear_um > self._abandoned_um:
+            self._at_end_um[f"{ABANDONED} {len(self._at_end_um)}"] = self._abandoned_um
+            self._abandoned_um = math.inf
 
 
 def truths_of(
@@ -429,19 +416,23 @@ def truths_of(
 
     A hole through the foil has no depth. `tool_um` is the diameter of the tool.
     """
-    truths = []
-    for site in sites:
-        at_um = site.x_um, site.y_um
-        near = [hole for hole in holes if math.dist(at_um, (hole.x_um, hole.y_um)) <= SAME_HOLE_UM]
+
+    def truth_of(site: SiteResult) -> SiteTruth:
         wear_um = true_wear.of_site(site.name)
-        corner_um = corner_radius_um(true_wear.at_end_of(site.name), tool_um)
-        if not near:
-            truths.append(SiteTruth(wear_um=wear_um, corner_um=corner_um))
-            continue
-        hole = min(near, key=lambda hole: math.dist(at_um, (hole.x_um, hole.y_um)))
-        depth_um = math.nan if site.through else hole.depth_um
-        rz_um = roughness_rz_um(hole.ra_um)
-        truths.append(
-            SiteTruth(depth_um, wear_um, hole.side_gap_um, hole.taper_um, hole.ra_um, rz_um, corner_um)
+        truth = SiteTruth(
+            wear_um=wear_um, corner_um=corner_radius_um(true_wear.at_end_of(site.name), tool_um)
         )
-    return tuple(truths)
+        distances_um = [math.dist((site.x_um, site.y_um), (hole.x_um, hole.y_um)) for hole in holes]
+        if min(distances_um, default=math.inf) > SAME_HOLE_UM:
+            return truth
+        hole = holes[distances_um.index(min(distances_um))]
+        return replace(
+            truth,
+            depth_um=math.nan if site.through else hole.depth_um,
+            side_gap_um=hole.side_gap_um,
+            taper_um=hole.taper_um,
+            ra_um=hole.ra_um,
+            rz_um=roughness_rz_um(hole.ra_um),
+        )
+
+    return tuple(map(truth_of, sites))

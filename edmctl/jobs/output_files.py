@@ -20,44 +20,36 @@ LONGEST_NAME = 200
 def check_free(path: Path, hint: str = _ANOTHER) -> None:
     """Raise RunFileError E9011 when there is something of that name."""
     if path.exists():
-        raise _taken(path, hint)
-
-
-def write(path: Path, content: bytes, hint: str = _ANOTHER, *, overwrite: bool = False) -> None:
-    """Write a file of that name. Raises RunFileError, and replaces a file, as `new_file` does."""
-    with new_file(path, hint, overwrite=overwrite) as file:
-        file.write(content)
+        raise failures.output_exists(path=path, remedy=hint)
 
 
 def check_new(path: Path) -> None:
-    """Refuse a file that is there (RunFileError E9011) or could not be written (E9012)."""
+    """Refuse a calibration file that exists (RunFileError E9011) or could not be written (E9012)."""
     _check_name(path)
     check_free(path)
     check_writable(path)
 
 
 def check_writable(path: Path) -> None:
-    """Refuse (RunFileError E9012) a file that could not be written, going by the nearest folder that is there."""
+    """Refuse (RunFileError E9012) a calibration file that could not be written, by the nearest existing folder."""
     _check_name(path)
     folder = next(parent for parent in path.absolute().parents if parent.exists())
-    if folder.is_dir() and os.access(folder, os.W_OK | os.X_OK) and not path.is_dir():
-        return
-    why = "is a folder" if path.is_dir() else f"{folder} is no folder that can be written"
-    raise unwritable(f"the calibration file {path}", why, "Name another file with --output.")
+    if path.is_dir() or not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
+        why = "is a folder" if path.is_dir() else f"{folder} is no folder that can be written"
+        raise unwritable(f"the calibration file {path}", why, "Name another file with --output.")
 
 
 def _check_name(path: Path) -> None:
-    if len(os.fsencode(path.name)) > LONGEST_NAME:
-        raise failures.calibration_name_too_long(
-            path_count=len(os.fsencode(path.name)), longest_name=LONGEST_NAME
-        )
+    name_bytes = len(os.fsencode(path.name))
+    if name_bytes > LONGEST_NAME:
+        raise failures.calibration_name_too_long(path_count=name_bytes, longest_name=LONGEST_NAME)
 
 
 def check_folder(folder: Path) -> None:
     """Raise RunFileError E9012 if a path of the folder is not a folder."""
-    there = next((path for path in (folder, *folder.parents) if path.exists()), folder)
-    if there.exists() and not there.is_dir():
-        raise unwritable(f"into {folder}", f"{there} is not a folder", "Check the path.")
+    existing = next((path for path in (folder, *folder.parents) if path.exists()), folder)
+    if existing.exists() and not existing.is_dir():
+        raise unwritable(f"into {folder}", f"{existing} is not a folder", "Check the path.")
 
 
 def make_folder(folder: Path) -> None:
@@ -73,12 +65,8 @@ def unwritable(what: str, why: str, hint: str) -> RunFileError:
     return failures.output_not_written(what=what, why=why, remedy=hint)
 
 
-def _taken(path: Path, hint: str) -> RunFileError:
-    return failures.output_exists(path=path, remedy=hint)
-
-
 class Sink:
-    """A binary file whose OSErrors are converted by `error_of`."""
+    """A binary file whose OSErrors are converted by `error_of`; it is closed by its owner."""
 
     closed = False
 
@@ -117,13 +105,19 @@ class Sink:
         return False
 
     def close(self) -> None:
-        """Leave the file open: it is closed by who opened it."""
+        """Leave the file open."""
         self.flush()
+
+
+def write(path: Path, content: bytes, hint: str = _ANOTHER, *, overwrite: bool = False) -> None:
+    """Write a file of that name. Raises RunFileError, and replaces a file, as `new_file` does."""
+    with new_file(path, hint, overwrite=overwrite) as file:
+        file.write(content)
 
 
 @contextmanager
 def new_file(path: Path, hint: str = _ANOTHER, *, overwrite: bool = False) -> Iterator[Sink]:
-    """Give a sink into a new file; when the block fails, none is left.
+    """Give a sink into a new file, which is removed if the block fails.
 
     overwrite : take the place of a file of that name, which stays until the new one is whole
 
@@ -139,7 +133,7 @@ def new_file(path: Path, hint: str = _ANOTHER, *, overwrite: bool = False) -> It
             written.unlink(missing_ok=True)
         file = _opened(written)
     except FileExistsError:
-        raise _taken(path, hint) from None
+        raise failures.output_exists(path=path, remedy=hint) from None
     except OSError as refused:
         raise error_of(refused) from refused
     try:

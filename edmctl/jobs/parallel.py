@@ -16,14 +16,13 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import contextmanager
-from functools import partial
 from multiprocessing import util
 from multiprocessing.synchronize import Event
 from typing import Any, Generic, TypeVar
 
 from edmctl import failures
-from edmctl.dataclasses import dataclass, field, replace
-from edmctl.errors import PreconditionError, installing
+from edmctl.dataclasses import dataclass, replace
+from edmctl.errors import installing
 from edmctl.exitcodes import ExitCode
 from edmctl.jobs.surroundings import Surroundings
 from edmctl.start_up import spare_start_up
@@ -60,7 +59,7 @@ def silent_program() -> Program:
 
 
 class Lost(Exception):
-    """A task whose worker died again and again."""
+    """A task whose worker died repeatedly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,26 +90,33 @@ def process_pool(workers: int, program: Program) -> Pool:
 
     def make() -> Executor:
         if getattr(multiprocessing.current_process(), "_inheriting", False):
-            raise _unguarded()  # this is a worker that imports the main module
+            raise failures.workers_end_early()  # this is a worker that imports the main module
         begun.append(context.Event())
         initial = (program, begun[-1])
         return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=initial)
 
-    return Pool(
-        make,
-        workers,
-        partial(_kill, is_ending=program.begin_worker is not _nothing),
-        can_begin=lambda: any(event.is_set() for event in begun),
-    )
+    def kill(executor: Executor) -> None:
+        for process in list((getattr(executor, "_processes", None) or {}).values()):
+            process.kill()
+        _close(executor)
+        if program.begin_worker is not _nothing:
+            # The process may die of a signal: Python's tracker would report what its queues hold.
+            util._run_finalizers(0)  # type: ignore[attr-defined]
 
-
-def _unguarded() -> PreconditionError:
-    return failures.workers_end_early()
+    return Pool(make, workers, kill, can_begin=lambda: any(event.is_set() for event in begun))
 
 
 def pool_of(make: Callable[[], Executor], workers: int) -> Pool:
     """Return a pool of executors that a caller makes, with `workers` each."""
     return Pool(make, workers, _close)
+
+
+def _close(executor: Executor) -> None:
+    """Shut an executor down without waiting."""
+    try:
+        executor.shutdown(wait=False, cancel_futures=True)
+    except TypeError:
+        executor.shutdown(wait=False)
 
 
 @contextmanager
@@ -149,7 +155,24 @@ def perform(
     PreconditionError E8218 if no worker can start.
     """
     with _silent_feeders():
-        _Series(function, tasks, pool, on_result, list(range(len(tasks) - 1, -1, -1))).run()
+        series = _Series(function, tasks, pool, on_result)
+        while series.waiting:
+            executor = pool.make()
+            try:
+                series.run_on(executor)
+            except BrokenExecutor as broken:
+                pool.kill(executor)
+                if not pool.can_begin():
+                    raise failures.workers_end_early() from broken
+                series.take_back()
+            except BaseException:
+                try:
+                    series.deliver_finished()
+                finally:
+                    pool.kill(executor)
+                raise
+            else:
+                executor.shutdown()
 
 
 @contextmanager
@@ -157,105 +180,72 @@ def _silent_feeders() -> Iterator[None]:
     """Silence Python's feeder threads when their workers die: the pool is replaced."""
     before = threading.excepthook
 
-    def say(raised: threading.ExceptHookArgs) -> None:
+    def report(raised: threading.ExceptHookArgs) -> None:
         if raised.thread is None or raised.thread.name != FEEDER:
             before(raised)
 
-    threading.excepthook = say
+    threading.excepthook = report
     try:
         yield
     finally:
-        if threading.excepthook is say:  # else another series has begun meanwhile, and goes on by it
+        if threading.excepthook is report:  # else another series has begun meanwhile and uses it
             threading.excepthook = before
 
 
-@dataclass(slots=True, eq=False)
 class _Series(Generic[TaskT, ResultT]):
-    function: Callable[[TaskT], ResultT]
-    tasks: Sequence[TaskT]
-    pool: Pool
-    on_result: Callable[[int, ResultT | Lost], None]
-    waiting: list[int]
-    losses: dict[int, int] = field(default_factory=dict)
-    under_way: dict[Future[ResultT], int] = field(default_factory=dict)
+    """The tasks of `perform` by number: waiting, under way, and how often each was present at a loss."""
 
-    def run(self) -> None:
-        while self.waiting:
-            executor = self.pool.make()
-            try:
-                self._run_on(executor)
-            except BrokenExecutor as broken:
-                self.pool.kill(executor)
-                if not self.pool.can_begin():
-                    raise _unguarded() from broken
-                self._take_back()
-            except BaseException:
-                try:
-                    self._hand_on_rest()
-                finally:
-                    self.pool.kill(executor)
-                raise
-            else:
-                executor.shutdown()
+    def __init__(
+        self,
+        function: Callable[[TaskT], ResultT],
+        tasks: Sequence[TaskT],
+        pool: Pool,
+        on_result: Callable[[int, ResultT | Lost], None],
+    ) -> None:
+        self._function, self._tasks, self._pool, self._on_result = function, tasks, pool, on_result
+        self.waiting = list(range(len(tasks) - 1, -1, -1))
+        self._losses: dict[int, int] = {}
+        self._under_way: dict[Future[ResultT], int] = {}
 
-    def _run_on(self, executor: Executor) -> None:
+    def run_on(self, executor: Executor) -> None:
+        """Run all waiting tasks. Raises BrokenExecutor if a worker dies."""
         # After a loss one at a time is under way per worker, so that the guilty one is found soon.
-        most = self.pool.workers * (1 if self.losses else AHEAD)
-        while self.waiting or self.under_way:
-            while self.waiting and len(self.under_way) < most and self._may_begin(self.waiting[-1]):
-                number = self.waiting.pop()
-                try:
-                    self.under_way[executor.submit(self.function, self.tasks[number])] = number
-                except BrokenExecutor:
-                    self.waiting.append(number)
-                    raise
-            finished, _ = wait(self.under_way, return_when=FIRST_COMPLETED)
+        most = self._pool.workers * (1 if self._losses else AHEAD)
+        while self.waiting or self._under_way:
+            while self.waiting and len(self._under_way) < most and self._may_begin(self.waiting[-1]):
+                number = self.waiting[-1]
+                self._under_way[executor.submit(self._function, self._tasks[number])] = number
+                self.waiting.pop()
+            finished, _ = wait(self._under_way, return_when=FIRST_COMPLETED)
             for future in finished:
                 try:
                     result: ResultT | Lost = future.result()
-                except self.pool.killers:
-                    result = Lost("its workers died again and again")
-                self.on_result(self.under_way.pop(future), result)
+                except self._pool.killers:
+                    result = Lost("its workers died repeatedly")
+                self._on_result(self._under_way.pop(future), result)
 
     def _may_begin(self, number: int) -> bool:
         """Whether a task may run with others: a task that was lost too often runs alone."""
-        together = (number, *self.under_way.values())
-        return not self.under_way or all(self.losses.get(one, 0) < MOST_LOSSES - 1 for one in together)
+        together = (number, *self._under_way.values())
+        return not self._under_way or all(self._losses.get(one, 0) < MOST_LOSSES - 1 for one in together)
 
-    def _take_back(self) -> None:
+    def take_back(self) -> None:
         """Queue the running tasks again, or abandon the task that was present at every loss."""
-        self._hand_on_rest()
-        for number in sorted(self.under_way.values(), reverse=True):
-            self.losses[number] = self.losses.get(number, 0) + 1
-            if self.losses[number] >= MOST_LOSSES:
-                self.on_result(number, Lost(f"its worker process died {MOST_LOSSES} times"))
+        self.deliver_finished()
+        for number in sorted(self._under_way.values(), reverse=True):
+            self._losses[number] = self._losses.get(number, 0) + 1
+            if self._losses[number] >= MOST_LOSSES:
+                self._on_result(number, Lost(f"its worker process died {MOST_LOSSES} times"))
             else:
                 self.waiting.append(number)
-        self.under_way.clear()
+        self._under_way.clear()
 
-    def _hand_on_rest(self) -> None:
-        for future, number in list(self.under_way.items()):
+    def deliver_finished(self) -> None:
+        """Deliver the results that came before the end of the executor."""
+        for future, number in list(self._under_way.items()):
             if future.done() and not future.cancelled() and future.exception() is None:
-                del self.under_way[future]
-                self.on_result(number, future.result())
-
-
-def _kill(executor: Executor, *, is_ending: bool) -> None:
-    """Kill the workers of a pool, and no other processes."""
-    for process in list((getattr(executor, "_processes", None) or {}).values()):
-        process.kill()
-    _close(executor)
-    if is_ending:
-        # The process may die of a signal: what its queues hold would be found and told by Python's tracker.
-        util._run_finalizers(0)  # type: ignore[attr-defined]
-
-
-def _close(executor: Executor) -> None:
-    """Shut an executor down without waiting."""
-    try:
-        executor.shutdown(wait=False, cancel_futures=True)
-    except TypeError:
-        executor.shutdown(wait=False)
+                del self._under_way[future]
+                self._on_result(number, future.result())
 
 
 def _begin(program: Program, begun: Event) -> None:
@@ -263,11 +253,11 @@ def _begin(program: Program, begun: Event) -> None:
     begun.set()
     spare_start_up()
     program.begin_worker()
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(int(ExitCode.INTERNAL))
+
+    def end_with_parent() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(int(ExitCode.INTERNAL))
+
+    threading.Thread(target=end_with_parent, daemon=True).start()

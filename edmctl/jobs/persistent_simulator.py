@@ -7,10 +7,9 @@ from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from edmctl import failures
-from edmctl.jobs.ledger.tool import NAMELESS, is_unnamed
+from edmctl.jobs.tool import NAMELESS, is_unnamed
 from edmctl.planning.rules.load import LoadedProfile
 from edmctl.record.bench_file import bench_lock, read_bench, write_bench
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
@@ -29,9 +28,6 @@ def kept_bench(
     """Give the bench of the file `path`, or a new one, and a function that writes it.
 
     It is also written at the start and at the end of the block, however that ends.
-
-    Raises RunFileError if the file is not a bench, is in use or cannot be written, UsageError E2049 for an
-    emulated board.
     """
     if path is None:
         yield open_bench(config, seed), lambda: None
@@ -51,8 +47,6 @@ def kept_line(
     """Give a kept bench and the line to it. The file stays as it is, or is not made, unless the line `begin`s.
 
     From then on the bench is written every few seconds of its own time while it machines, and at the end.
-
-    Raises RunFileError, and UsageError E2049 for an emulated board.
     """
     with _opened(path, config, seed, wait_s) as bench:
         line = KeptLine(bench, path)
@@ -81,31 +75,33 @@ def fit(bench: VirtualBench, loaded: LoadedProfile, config: BenchConfig, say: Ca
     profile's name.
     """
     tool, before = loaded.profile.tool, bench.tool_label
-    named = is_unnamed(before, bench.plant.config.tool_diameter_um, tool)
-    if named:
+    is_named_now = is_unnamed(before, bench.plant.config.tool_diameter_um, tool)
+    if is_named_now:
         bench.plant.tools_worn_um.setdefault(tool.label, bench.tool_wear_um)
     bench.fit_tool(tool.label, tool.diameter_um, config.tool_wear, loaded.sim.tip_rounding_um)
-    if before != tool.label and not named:
+    if before != tool.label and not is_named_now:
         say(f"tool changed: {tool.label} instead of {'an unnamed one' if before == NAMELESS else before}")
     here = bench.plant.config
-    pairs: list[tuple[Any, Any]] = [(here.discharge, config.discharge)]
-    pairs += [(here.discharge.erosion, config.discharge.erosion), (here.discharge.gap, config.discharge.gap)]
-    others = [
+    own = [
         f"{field.name} = {value:g}"
-        for kept, asked in pairs
+        for kept, asked in (
+            (here.discharge, config.discharge),
+            (here.discharge.erosion, config.discharge.erosion),
+            (here.discharge.gap, config.discharge.gap),
+        )
         for field in fields(kept)
         if isinstance(value := getattr(kept, field.name), float) and value != getattr(asked, field.name)
     ]
-    if here.work_removal != config.work_removal:
-        others.append(f"work_removal = {here.work_removal:g}")
-    if others:
-        say(f"the bench keeps its own work, whatever [sim] says: {', '.join(others)}")
-    if here.controller != config.controller:
-        say(f"the bench keeps its own controller: {here.controller}, not {config.controller}")
-    if here.offset_um != config.offset_um:
-        say(f"the bench keeps its own gap at 0 V: {here.offset_um:g} µm, not {config.offset_um:g} µm")
-    if loaded.profile.work.kind == "through" and here.thickness_um != config.thickness_um:
-        say(f"the bench keeps its own sheet: {here.thickness_um:g} µm, not {config.thickness_um:g} µm")
+    names = ["work_removal", "controller", "offset_um"]
+    if loaded.profile.work.kind == "through":
+        names.append("thickness_um")
+    own += [
+        f"{name} = {value:g}" if isinstance(value := getattr(here, name), float) else f"{name} = {value}"
+        for name in names
+        if getattr(here, name) != getattr(config, name)
+    ]
+    if own:
+        say(f"the bench keeps its own values, whatever the profile says: {', '.join(own)}")
 
 
 class KeptLine(DirectLine):

@@ -10,7 +10,7 @@ from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, PreconditionError, ProfileError
 from edmctl.failures import Code
 from edmctl.files import user_path
-from edmctl.jobs.corrections import look_at_named, refuse_unasked
+from edmctl.jobs.corrections import check_named_calibration
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.labels import PAD, PARKING
 from edmctl.planning.forecast import Reached, forecast
@@ -24,6 +24,8 @@ from edmctl.results.result import Forecast
 from edmctl.wording import coordinates, plural
 
 SIMULATOR = "sim:"
+TOUCHES_LIKE = "cu270"
+"""The shipped profile by which a tool without any run is touched if none is named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +67,7 @@ FRESH = MachineAddress()
 
 
 def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> MachineAddress:
-    """Return the machine of the option (or its environment variable), else of the setup, else a new virtual one.
-
-    Raises UsageError: E2006 the name is empty, E2045 `wait_s` is not a duration.
-    """
+    """Return the machine of the option (or its environment variable), else of the setup, else a new virtual one."""
     if not wait_s >= 0.0:
         raise failures.wait_impossible(wait_s=wait_s)
     if option is not None and not option.strip():
@@ -147,19 +146,19 @@ class Resumption:
             raise self.changed("setup", self.job.setup or "of the stock machine", f"has changed{now}")
 
     @property
-    def left(self) -> list[str]:
+    def remaining(self) -> list[str]:
         """Names of the holes that are not finished, or of the channel."""
         done = {site["name"] for site in self.state.done}
         return [name for name, *_ in self.job.places if name not in done]
 
     def as_mapping(self) -> dict[str, object]:
-        """How far it came, for scripts; depth and wear are estimates of the hole that was left."""
+        """Return the progress for scripts; depth and wear are estimates of the interrupted hole."""
         state = self.state
         return {
             "run_id": self.job.run_id,
             "journal": str(self.path),
             "done": [str(site["name"]) for site in state.done],
-            "left": self.left,
+            "left": self.remaining,
             "site": state.site if state.begun else None,
             "depth_um": state.depth_um if state.begun else None,
             "wear_um": state.wear_um if state.begun else None,
@@ -173,7 +172,7 @@ class Resumption:
         if state.channel:
             return f"{self.job.run_id} machines a channel{begun}."
         holes = plural(len(self.job.places), "hole")
-        left = f"Left: {', '.join(self.left)}" if self.left else "Nothing is left"
+        left = f"Left: {', '.join(self.remaining)}" if self.remaining else "Nothing is left"
         return f"{self.job.run_id} has finished {len(state.done)} of {holes}{begun}. {left}."
 
 
@@ -206,63 +205,17 @@ class Plan:
         """The forecast of the whole job."""
         return self.loaded.forecast
 
-    def forecast_left(self) -> Forecast | None:
-        """Return the forecast of the holes that remain, with the one that was interrupted; None if none remains."""
+    def forecast_remaining(self) -> Forecast | None:
+        """Return the forecast of the holes that remain, with the interrupted one; None if none remains."""
         if self.resumed is None:
             return self.forecast
-        if not self.resumed.left:
+        if not self.resumed.remaining:
             return None
         state = self.resumed.state
-        remaining = [place for place in self.loaded.places if place.name in self.resumed.left]
+        places = [place for place in self.loaded.places if place.name in self.resumed.remaining]
         is_begun = state.begun and not self.resumed.restart_hole
         reached = Reached(state.site, state.depth_um) if is_begun else None
-        return forecast(self.loaded.profile, self.setup, remaining, reached)
-
-
-def under(plan: Plan, setup: Setup) -> Plan:
-    """Return the plan checked for another setup, on the same machine. Raises as `check`."""
-    request = replace(plan.request, setup=setup.file)
-    checked = check(request, plan.surroundings)
-    checked = replace(checked, where=plan.where, names_tool=plan.names_tool)
-    return checked if plan.resumed is None else with_resumed(checked, plan.resumed)
-
-
-def _refuse_beside_virtual_work(setup: Setup, places: Sequence[Place]) -> None:
-    """Raise ProfileError E3140 if parking place, pad or holes do not fit the workpiece of the virtual machine.
-
-    That is the workpiece of the stock machine, independent of the setup.
-    """
-    stage, (edge,) = setup.stage, Setup().workpiece_limits()
-    for name, x_um, y_um in (
-        (PARKING, stage.park_x_um, stage.park_y_um),
-        (PAD, stage.reference_x_um, stage.reference_y_um),
-        *((place.name, place.x_um, place.y_um) for place in places),
-    ):
-        is_over = edge.beyond_um(x_um, y_um) <= 0.0
-        if is_over == (name == PARKING):
-            message = (
-                f"{name} at {coordinates(x_um, y_um)} is {'over' if is_over else 'beside'} the workpiece of the "
-                f"virtual machine, which begins at x = {-edge.um:g} µm"
-            )
-            hint = "correct it; the virtual machine has this workpiece with every setup"
-            raise ProfileError((Diagnostic(Code.OUT_OF_REACH, message, hint),))
-
-
-def with_resumed(plan: Plan, resumed: Resumption) -> Plan:
-    """Return the plan of a resumed job; the warning of its time limit is about what remains."""
-    plan = replace(plan, resumed=resumed)
-    left, limit_s, warnings = plan.forecast_left(), plan.loaded.profile.limits.max_time_s, []
-    for warning in plan.loaded.warnings:
-        if warning.code == Code.TIME_LIMIT:
-            if left is None or left.time_s <= limit_s:
-                continue
-            message = (
-                f"the rest of the job takes about {left.time_s:.0f} s, more than max_time_s {limit_s:g} s"
-            )
-            hint = "the job ends then; machine what is left by a new job with a greater limits.max_time_s"
-            warning = replace(warning, message=message, hint=hint)
-        warnings.append(warning)
-    return replace(plan, loaded=replace(plan.loaded, warnings=tuple(warnings)))
+        return forecast(self.loaded.profile, self.setup, places, reached)
 
 
 def check(request: JobRequest, surroundings: Surroundings = NONE) -> Plan:
@@ -276,8 +229,50 @@ def check(request: JobRequest, surroundings: Surroundings = NONE) -> Plan:
     where = where_is(request.port, setup, request.wait_s)
     loaded = load_profile(request.profile, request.overrides, setup=setup)
     if where.in_process:
-        _refuse_beside_virtual_work(setup, loaded.places)
-    refuse_unasked(setup, allow_model=request.allow_model)
-    look_at_named(request.calibration, surroundings.environ, setup, loaded.profile)
+        _refuse_beside_virtual_workpiece(setup, loaded.places)
+    check_named_calibration(
+        request.calibration,
+        surroundings.environ,
+        setup,
+        loaded.profile,
+        allow_model=request.allow_model,
+    )
     text = read_source(request.setup).text if request.setup else ""
     return Plan(request, where, loaded, setup, text, request.new_tool, surroundings=surroundings)
+
+
+def under(plan: Plan, setup: Setup) -> Plan:
+    """Return the plan checked for another setup, on the same machine. Raises as `check`."""
+    checked = check(replace(plan.request, setup=setup.file), plan.surroundings)
+    checked = replace(checked, where=plan.where, names_tool=plan.names_tool)
+    return checked if plan.resumed is None else with_resumed(checked, plan.resumed)
+
+
+def with_resumed(plan: Plan, resumed: Resumption) -> Plan:
+    """Return the plan of a resumed job, without the warning of its time limit if the rest is within it."""
+    plan = replace(plan, resumed=resumed)
+    remaining, limit_s = plan.forecast_remaining(), plan.loaded.profile.limits.max_time_s
+    if remaining is not None and remaining.time_s > limit_s:
+        return plan
+    warnings = tuple(warning for warning in plan.loaded.warnings if warning.code != Code.TIME_LIMIT)
+    return replace(plan, loaded=replace(plan.loaded, warnings=warnings))
+
+
+def _refuse_beside_virtual_workpiece(setup: Setup, places: Sequence[Place]) -> None:
+    """Raise ProfileError E3140 if parking place, pad or holes do not fit the workpiece of the virtual machine.
+
+    That is the workpiece of the stock machine, independent of the setup.
+    """
+    stage, (edge,) = setup.stage, Setup().workpiece_limits()
+    for name, x_um, y_um in (
+        (PARKING, stage.park_x_um, stage.park_y_um),
+        (PAD, stage.reference_x_um, stage.reference_y_um),
+        *((place.name, place.x_um, place.y_um) for place in places),
+    ):
+        is_over = edge.beyond_um(x_um, y_um) <= 0.0
+        if is_over == (name == PARKING):
+            side = "over" if is_over else "beside"
+            message = f"{name} at {coordinates(x_um, y_um)} is {side} the workpiece of the virtual machine"
+            message += f", which begins at x = {-edge.um:g} µm"
+            hint = "correct it; the virtual machine has this workpiece with every setup"
+            raise ProfileError((Diagnostic(Code.OUT_OF_REACH, message, hint),))

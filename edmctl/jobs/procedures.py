@@ -1,4 +1,4 @@
-"""Single procedures of the main job: their way from a checked plan to a result; approach, jumps and drift."""
+"""Single procedures of the main job, from a checked plan to a result: approach, jumps and drift."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import EdmError
 from edmctl.jobs.connected_machine import with_home
 from edmctl.jobs.corrections import ModelUsed
-from edmctl.jobs.ledger.prepared_job import (
+from edmctl.jobs.output_files import check_writable
+from edmctl.jobs.plan import Plan
+from edmctl.jobs.prepared_job import (
     PreparedJob,
     hole_radius_um,
     prepared_job,
@@ -21,21 +23,10 @@ from edmctl.jobs.ledger.prepared_job import (
     refuse_taken,
     refuse_unreachable,
 )
-from edmctl.jobs.ledger.tool import (
-    ToolIdentity,
-    account_of,
-    last_run_of,
-    refuse_other_setup,
-    refuse_too_short,
-    refuse_unknown_length,
-    tool_identity,
-    with_recipe_of,
-)
-from edmctl.jobs.output_files import check_writable
-from edmctl.jobs.plan import Plan
 from edmctl.jobs.run_context import RunContext, connected_run
 from edmctl.jobs.run_header import RunName, name_run
 from edmctl.jobs.surroundings import Warn
+from edmctl.jobs.tool import ToolIdentity
 from edmctl.jsonout import JsonValue
 from edmctl.planning.forecast import STROKE_RESERVE_UM
 from edmctl.planning.measuring import (
@@ -65,6 +56,10 @@ from edmctl.wording import facts
 
 MOST_UM = 1e6
 """Stages and profiles know no place further off."""
+JUMPS_ALONE = ('jump.mode="fixed"', "log.servo_hz=1000")
+"""Jumps at a fixed period, with every sample recorded."""
+_MAIN_VALUES = ("kind", "displacement", "height mean", "Z1", "wear", "depth")
+"""Values of a short representation, by name."""
 
 
 class Procedure:
@@ -93,10 +88,6 @@ class Procedure:
             "time_s": run.tally.time_s,
             "link": run.tally.link,
         }
-
-
-_MAIN_VALUES = ("kind", "displacement", "height mean", "Z1", "wear", "depth")
-"""Values of a short representation, by name."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -173,7 +164,7 @@ def stage_place_um(place: Sequence[float]) -> tuple[float, float]:
 
 def job_with_home(run: RunContext, profile: Profile) -> Job:
     """Return the job of a procedure that has no holes, with the last home of the tool."""
-    return with_home(job_of(profile, run.plan.setup, (), run.actuator), run.history, run.bench.now)
+    return with_home(job_of(profile, run.plan.setup, (), run.actuator), run.tool.history, run.bench.now)
 
 
 def expected_pad_um(run: JobRun, account: ToolAccount) -> float:
@@ -200,7 +191,7 @@ class Approach(Procedure):
         if place is not None:
             self._refuse(("the place", *place), job_of(profile, setup))
         if identity is not None:
-            site = self._checked_site(prepared_job(plan, identity, None, Ledger.open(folder)), folder)
+            site = self._checked_site(prepared_job(plan, identity, None, Ledger.open(folder)))
             place = site.x_um, site.y_um
         x_um, y_um = place or beside_pad_um(profile, setup)
         return {
@@ -219,9 +210,8 @@ class Approach(Procedure):
         Raises PreconditionError: E8042 a hole is there, or the pad where sparks would be made, E8044 the tool does
         not reach the surface.
         """
-        assert run.name is not None
-        prepared = prepared_job(run.plan, tool_identity(run.bench), run.actuator, run.ledger)
-        site = self._checked_site(prepared, run.name.path.parent)
+        prepared = prepared_job(run.plan, run.tool_identity, run.actuator, run.ledger)
+        site = self._checked_site(prepared)
         kind = "contact touch" if self._contact else "approach"
         with (
             run.recording(kind, lambda: self.summary(run)),
@@ -230,20 +220,18 @@ class Approach(Procedure):
             self.found = find_contact(job_run, site) if self._contact else find_gap(job_run, site)
 
     def result(self, run: RunContext) -> Mapping[str, object] | None:
-        """Return what was found."""
         return asdict(self.found) if self.found else None
 
-    def _checked_site(self, prepared: PreparedJob, folder: Path) -> Place:
-        job = prepared.job
-        site = (
-            Place("the place", *self._place) if self._place else replace(job.sites[0], name="the next place")
-        )
-        own_way_um = job.profile.approach.offset_um + STROKE_RESERVE_UM
-        if not math.isnan(prepared.account.pad_um):
-            refuse_too_short(job.profile, job.setup, own_way_um, prepared.account, self.plan)
+    def _checked_site(self, prepared: PreparedJob) -> Place:
+        job, tool = prepared.job, prepared.tool
+        site = replace(job.sites[0], name="the next place")
+        if self._place:
+            site = Place("the place", *self._place)
+        if not math.isnan(tool.account.pad_um):
+            tool.refuse_too_short(job.profile, job.profile.approach.offset_um + STROKE_RESERVE_UM)
         where = (site.name, site.x_um, site.y_um)
         self._refuse(where, job)
-        refuse_taken([where], hole_radius_um(job.profile), prepared.holes, folder)
+        refuse_taken([where], hole_radius_um(job.profile), prepared.holes, tool.folder)
         return site
 
     def _refuse(self, where: tuple[str, float, float], job: Job) -> None:
@@ -252,12 +240,8 @@ class Approach(Procedure):
             refuse_pad(where, job)
 
 
-JUMPS_ALONE = ('jump.mode="fixed"', "log.servo_hz=1000")
-"""Jumps at a fixed period, with every sample recorded."""
-
-
 class Jumps(Procedure):
-    """A series of jumps."""
+    """A series of jumps, as deep as at the end of the profile's job."""
 
     name = "jump-flush"
 
@@ -286,16 +270,13 @@ class Jumps(Procedure):
 
     def carry_out(self, run: RunContext) -> None:
         """Jump with the profile's job; nothing is kept. Raises PreconditionError E8059 for another setup."""
-        plan, history = run.plan, run.history
         if run.ledger is not None:
-            account = account_of(plan, tool_identity(run.bench), history)
-            refuse_other_setup(account, history, plan, run.ledger.path.parent)
-        job = job_with_home(run, plan.loaded.profile)
+            run.tool.refuse_other_setup()
+        job = job_with_home(run, run.plan.loaded.profile)
         with run.recording(self.name, lambda: self.summary(run)), run.armed(job) as job_run:
-            self.series = run_jumps(job_run, _end_um(plan), self._count)
+            self.series = run_jumps(job_run, _end_um(run.plan), self._count)
 
     def result(self, run: RunContext) -> Mapping[str, object] | None:
-        """Return every jump, and the summary."""
         return asdict(self.series) if self.series else None
 
 
@@ -344,16 +325,15 @@ class DriftMeasurement(Procedure):
         Raises PreconditionError: E8048 a tool whose job was killed, E8059 a reference under another setup, E8063 a
         run whose recipe is unknown; RunFileError E9012 if the file cannot be written.
         """
-        serial, where, history = run.bench.serial, run.plan.where, run.history
-        own = kept_path("drift", serial, run.plan.surroundings.environ, lasting=where.lasting)
-        self.path = self._output or own
+        environ, is_lasting = run.plan.surroundings.environ, run.plan.where.lasting
+        self.path = self._output or kept_path("drift", run.bench.serial, environ, lasting=is_lasting)
         check_writable(self.path)
-        self._account = account = account_of(run.plan, tool_identity(run.bench), history)
+        tool = run.tool
+        self._account = account = tool.account
         if run.ledger is not None:
-            folder = run.ledger.path.parent
-            refuse_other_setup(account, history, run.plan, folder)
-            refuse_unknown_length(account, folder, run.plan)
-            run.plan = with_recipe_of(run.plan, folder, last_run_of(account))
+            tool.refuse_other_setup()
+            tool.refuse_unknown_length()
+            run.plan = tool.plan_with_recipe_of(tool.last_run_file)
         planned, job = self._planned(run.plan), job_with_home(run, run.plan.loaded.profile)
         with run.recording(self.name, lambda: self.summary(run)):
             with run.armed(job) as job_run:
@@ -362,13 +342,11 @@ class DriftMeasurement(Procedure):
                 fit, self.found = drift_result(job_run, planned, record)
             self._save(run, self.found, model_of(fit))
             pad_um, home_um = record.touches[-1].reading.mean_um, run.tally.home_um
-            seen = WearMeasured(
-                account.label, run.file_name, pad_um, account.worn_um, account.worn_u95_um, home_um
-            )
-            run.write_down(seen, RunEnded(run.file_name, "done", run.tally.time_s))
+            worn = account.worn_um, account.worn_u95_um
+            measured = WearMeasured(account.label, run.file_name, pad_um, *worn, home_um)
+            run.write_down(measured, RunEnded(run.file_name, "done", run.tally.time_s))
 
     def result(self, run: RunContext) -> Mapping[str, object] | None:
-        """Return the measured values and the path of the file."""
         if self.found is None:
             return None
         return {
@@ -380,7 +358,7 @@ class DriftMeasurement(Procedure):
         }
 
     def _save(self, run: RunContext, found: DriftResult, model: DriftModel) -> None:
-        identity = run.bench.machine.identity
+        identity, where = run.bench.machine.identity, run.plan.where
         made = MadeBy(
             utc=datetime.now(UTC).isoformat(timespec="seconds"),
             edmctl=__version__,
@@ -388,15 +366,13 @@ class DriftMeasurement(Procedure):
             simulated=identity.simulated,
             run_file=run.file_name,
         )
-        self.replaced, self.use = self.path.exists(), self._use(run)
+        on = f"--port {where.selector}" if where.lasting else f"--seed {run.bench.seed}"
+        self.use = (
+            f"`EDMCTL_DRIFT={self.path} edmctl machine --profile PROFILE {on}` goes by it, as does a setup that "
+            "names it (drift.file)"
+        )
+        if self._output is None and where.lasting:
+            self.use = f"jobs on {identity.serial} go by it from now on"
+        self.replaced = self.path.exists()
         run.plan.surroundings.settled()
         drift_file(made, found, model).save(self.path)
-
-    def _use(self, run: RunContext) -> str:
-        """Return which jobs use the file, as a sentence without its end."""
-        bench, where = run.bench, run.plan.where
-        if self._output is None and where.lasting:
-            return f"jobs on {bench.serial} go by it from now on"
-        on = f"--port {where.selector}" if where.lasting else f"--seed {bench.seed}"
-        job = f"edmctl machine --profile PROFILE {on}"
-        return f"`EDMCTL_DRIFT={self.path} {job}` goes by it, as does a setup that names it (drift.file)"

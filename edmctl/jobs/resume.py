@@ -6,6 +6,7 @@ need no check.
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterable, Sequence
 from datetime import datetime
@@ -13,12 +14,7 @@ from pathlib import Path
 
 from edmctl import failures
 from edmctl.dataclasses import replace
-from edmctl.errors import (
-    PreconditionError,
-    RunFileError,
-    UsageError,
-    stages_by_hand,
-)
+from edmctl.errors import PreconditionError, RunFileError, UsageError, stages_by_hand
 from edmctl.files import user_path
 from edmctl.jobs.connected_machine import ConnectedMachine, Now, with_home_left
 from edmctl.jobs.plan import Plan, Resumption, check, with_resumed
@@ -26,12 +22,7 @@ from edmctl.jobs.run_header import RunName, run_path
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.procedures.job import Job, job_state
 from edmctl.profile.places import Place
-from edmctl.record.journal import (
-    SUFFIX,
-    Journal,
-    journal_path,
-    read_journal,
-)
+from edmctl.record.journal import SUFFIX, Journal, journal_path, read_journal
 from edmctl.record.ledger import JobBegun, Ledger, Line, RunEnded, SiteMachined, ToolChanged
 from edmctl.wording import coordinates
 
@@ -41,41 +32,32 @@ HOMED_WITHIN_UM = 2.0
 
 def refuse_untouchable(resumption: Resumption, plan: Plan) -> None:
     """Raise PreconditionError E8062 if there is no hole to restart."""
-    run_id = resumption.job.run_id
-    is_channel = plan.loaded.profile.path is not None
-    if is_channel and resumption.restart_hole:
-        raise failures.restart_hole_in_channel(run_id=run_id)
+    if resumption.restart_hole and plan.loaded.profile.path is not None:
+        raise failures.restart_hole_in_channel(run_id=resumption.job.run_id)
     if resumption.restart_hole and not resumption.state.begun:
-        raise failures.no_hole_to_restart(run_id=run_id)
+        raise failures.no_hole_to_restart(run_id=resumption.job.run_id)
 
 
 def refuse_elsewhere(resumption: Resumption, bench: ConnectedMachine, lines: Sequence[Line]) -> None:
-    """Check the connected machine and the ledger's `lines` before anything moves.
-
-    Raises PreconditionError: E8051 the run was continued meanwhile, E8055 another machine, E8056 another tool, or
-    one that was used since, E8057 the stage positions are unknown. FaultLatched E8010 while a fault is latched.
-    """
-    job, machine, virtual = resumption.job, bench.machine, bench.virtual
-    serial = machine.identity.serial
-    if serial != job.serial:
-        raise failures.machine_differs(
-            serial=serial, run_id=job.run_id, serial_then=job.serial, port=job.port
-        )
-    latched = machine.latched_fault()
-    if latched is not None:
+    """Check the connected machine and the ledger's `lines` before anything moves."""
+    job, journal, machine, virtual = resumption.job, resumption.journal, bench.machine, bench.virtual
+    if bench.serial != job.serial:
+        then = {"serial_then": job.serial, "port": job.port}
+        raise failures.machine_differs(serial=bench.serial, run_id=job.run_id, **then)
+    if latched := machine.latched_fault():
         raise latched
     try:
-        same = read_journal(resumption.path).written_utc_s == resumption.journal.written_utc_s
+        is_same = read_journal(resumption.path).written_utc_s == journal.written_utc_s
     except FileNotFoundError:
-        same = False
-    if not same:
+        is_same = False
+    if not is_same:
         raise failures.run_went_on(run_id=job.run_id)
     tool = resumption.state.tool
     if virtual is not None and virtual.tool_label != tool:
         raise failures.tool_differs(tool=virtual.tool_label, run_id=job.run_id, tool_before=tool)
     refuse_used_tool(resumption, lines)
     if virtual is None and machine.hello.boot_count != job.boots and not resumption.homed:
-        status, journal = machine.status(), resumption.journal
+        status = machine.status()
         here = f"{coordinates(status.x_um, status.y_um, 1)}, {status.theta_deg:g}°"
         raise failures.controller_restarted_since_run(
             run_id=job.run_id,
@@ -120,24 +102,26 @@ def name_of_resumed(resumption: Resumption, run_id: str | None, start: datetime)
 
     It is in the folder of that run.
     """
-    folder, first = resumption.path.parent, resumption.job.family[0]
-    number = 1
-    while run_id is None:
-        name = RunName(
-            f"{first}-r{number}", run_path(folder, f"{first}-r{number}"), start, resumption.job.run_id
-        )
-        if not any(path.exists() for path in (name.path, name.partial, name.journal)):
-            return name
-        number += 1
-    return RunName(run_id, run_path(folder, run_id), start, resumption.job.run_id)
+    folder, job = resumption.path.parent, resumption.job
+
+    def named(run_id: str) -> RunName:
+        return RunName(run_id, run_path(folder, run_id), start, job.run_id)
+
+    if run_id is not None:
+        return named(run_id)
+    names = (named(f"{job.family[0]}-r{number}") for number in itertools.count(1))
+    return next(name for name in names if not any(map(Path.exists, (name.path, name.partial, name.journal))))
 
 
-def taken_up(resumption: Resumption, job: Job, now: Now) -> Job:
+def resumed_job(resumption: Resumption, job: Job, now: Now) -> Job:
     """Return the job with the places and the progress of the interrupted run, and the tool's home."""
-    sites = tuple(Place(*place) for place in resumption.job.places)
-    pause_s = now.since_s(resumption.journal.written_utc_s, resumption.journal.clock_s)
+    journal = resumption.journal
     job = replace(
-        job, sites=sites, resumed=resumption.state, pause_s=pause_s, restart_hole=resumption.restart_hole
+        job,
+        sites=tuple(Place(*place) for place in resumption.job.places),
+        resumed=resumption.state,
+        pause_s=now.since_s(journal.written_utc_s, journal.clock_s),
+        restart_hole=resumption.restart_hole,
     )
     return with_home_left(job)
 
@@ -151,9 +135,8 @@ def find_run(named: str, folder: Path, *, homed: bool = False, restart_hole: boo
     of a later version. RunFileError E9041 if it cannot be read.
     """
     path = _journal_named(named, folder)
-    later = _continued(path)
     try:
-        path, journal = later or (path, read_journal(path))
+        path, journal = _continued(path) or (path, read_journal(path))
     except FileNotFoundError:
         raise _without_journal(path) from None
     try:
@@ -166,11 +149,7 @@ def find_run(named: str, folder: Path, *, homed: bool = False, restart_hole: boo
 def checked(
     resumption: Resumption, port: str | None, wait_s: float, surroundings: Surroundings = NONE
 ) -> Plan:
-    """Return the plan of the run's own request, on the machine that is named now.
-
-    Raises PreconditionError: E8053 profile or setup have changed,
-    E8056 its tool was used since, E8058 the virtual bench does not exist. Raises as `check`.
-    """
+    """Return the plan of the run's own request, on the machine that is named now."""
     job = resumption.job
     try:
         plan = check(resumption.request(port, wait_s), surroundings)
@@ -183,13 +162,11 @@ def checked(
     resumption.refuse_other_setup(plan.setup)
     refuse_untouchable(resumption, plan)
     refuse_used_tool(resumption, Ledger.open(resumption.path.parent).lines)
-    bench_file = plan.where.bench_file
-    if bench_file is not None and not bench_file.exists():
-        raise failures.bench_of_run_missing(
-            file=bench_file, run_id=job.run_id, serial=job.serial, port=job.port
-        )
+    machine = {"run_id": job.run_id, "serial": job.serial, "port": job.port}
+    if (file := plan.where.bench_file) is not None and not file.exists():
+        raise failures.bench_of_run_missing(file=file, **machine)
     if not plan.where.lasting:
-        raise failures.machine_of_run_not_named(run_id=job.run_id, serial=job.serial, port=job.port)
+        raise failures.machine_of_run_not_named(**machine)
     return with_resumed(replace(plan, names_tool=False), resumption)
 
 
@@ -199,51 +176,45 @@ def _journal_named(named: str, folder: Path) -> Path:
     for ending in (".h5.partial", ".h5", SUFFIX):
         if given.name.endswith(ending):
             return given.with_name(given.name.removesuffix(ending) + SUFFIX)
-    for ending in (".h5", ".h5.partial", SUFFIX):
-        if len(given.parts) > 1 and given.with_name(given.name + ending).is_file():
-            return given.with_name(given.name + SUFFIX)
-    if len(given.parts) > 1 or given.is_file():
-        raise failures.resume_not_a_run(named=named)
-    return journal_path(run_path(folder, named))
+    if len(given.parts) == 1 and not given.is_file():
+        return journal_path(run_path(folder, named))
+    if any(given.with_name(given.name + ending).is_file() for ending in (".h5", ".h5.partial", SUFFIX)):
+        return given.with_name(given.name + SUFFIX)
+    raise failures.resume_not_a_run(named=named)
 
 
 def _continued(path: Path) -> tuple[Path, Journal] | None:
     """Return the journal of the run that continues the one whose journal would be at `path`."""
     run_id = path.name.removesuffix(SUFFIX)
-    found: list[tuple[Path, Journal]] = []
+    later: list[tuple[Path, Journal]] = []
     for other in sorted(path.parent.glob(f"*{SUFFIX}")):
         try:
             journal = read_journal(other)
         except (OSError, PreconditionError, RunFileError):
             continue
         if run_id in journal.job.parents:
-            found.append((other, journal))
-    return max(found, key=lambda one: len(one[1].job.parents)) if found else None
+            later.append((other, journal))
+    return max(later, key=lambda found: len(found[1].job.parents), default=None)
 
 
 def _without_journal(path: Path) -> PreconditionError:
+    """Return the error of a run without a journal: it is finished, unknown, or its journal is lost."""
     run_id, folder = path.name.removesuffix(SUFFIX), path.parent
-    finished = [file for file in _run_files(run_id, folder) if _status(file) == "done"]
-    if finished:
+    first = re.sub(r"-r\d+$", "", run_id)
+    names = (run_id, f"{first}-r[0-9]*")
+    files = [
+        file for name in names for ending in (".h5", ".h5.partial") for file in folder.glob(f"{name}{ending}")
+    ]
+    if finished := sorted(file for file in files if _status(file) == "done"):
         return failures.run_finished(run_id=run_id, finished=finished[-1])
     others = sorted(file.name.removesuffix(SUFFIX) for file in folder.glob(f"*{SUFFIX}"))
     which = f"Runs with a journal there: {', '.join(others)}." if others else "No run there has a journal."
-    where = "this folder" if folder == Path() else f"{folder}"
-    if not _run_files(run_id, folder):
+    if not files:
+        where = "this folder" if folder == Path() else str(folder)
         return failures.run_unknown(run_id=run_id, where=where, which=which)
-    left = [file for file in _run_files(run_id, folder) if file.suffix == ".partial"]
-    recover = f" `edmctl run recover {left[-1]}` tells whether it had come to its end." if left else ""
+    partial = sorted(file for file in files if file.suffix == ".partial")
+    recover = f" `edmctl run recover {partial[-1]}` tells whether it had come to its end." if partial else ""
     return failures.run_without_journal(run_id=run_id, which=which, recover=recover)
-
-
-def _run_files(run_id: str, folder: Path) -> list[Path]:
-    """Return the run's own file and the files that continue it, finished or not."""
-    own = [folder / f"{run_id}.h5", folder / f"{run_id}.h5.partial"]
-    first = re.sub(r"-r\d+$", "", run_id)
-    later = sorted(
-        file for ending in (".h5", ".h5.partial") for file in folder.glob(f"{first}-r[0-9]*{ending}")
-    )
-    return [*(file for file in own if file.exists()), *later]
 
 
 def _status(file: Path) -> str:

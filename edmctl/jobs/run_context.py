@@ -25,12 +25,11 @@ from edmctl.exitcodes import MEANING, ExitCode, error_exit_code
 from edmctl.jobs.connect import connected, introduction
 from edmctl.jobs.connected_machine import ConnectedMachine, CreepNote
 from edmctl.jobs.corrections import Choice, DriftChoice, choose
-from edmctl.jobs.ledger.prepared_job import ledger_of
-from edmctl.jobs.ledger.tool import as_found, name_tool
 from edmctl.jobs.plan import Plan, under
 from edmctl.jobs.run_header import RunName, run_meta
 from edmctl.jobs.runs.opening import on_machine
 from edmctl.jobs.surroundings import Warn
+from edmctl.jobs.tool import MachineTool, ToolIdentity, tool_identity
 from edmctl.jsonout import render_json
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
 from edmctl.procedures.job import CalibratedActuator, Job, JobTally
@@ -38,7 +37,7 @@ from edmctl.procedures.run import JobRun
 from edmctl.procedures.session import running
 from edmctl.process.rest_drift import CreepLeft
 from edmctl.record.disk import DiskThread, refuse_place
-from edmctl.record.ledger import Entry, Ledger, MachineHistory, history_of
+from edmctl.record.ledger import Entry, Ledger
 from edmctl.record.locks import are_known
 from edmctl.record.rows import NullRecorder, Recorder, Summary
 from edmctl.record.writer import BackgroundWriter
@@ -51,7 +50,8 @@ class RunContext:
 
     plan : under the setup in effect, which may be known only by the machine's serial number
     name : name of the run file; None if there is none
-    ledger : job ledger next to the run file; None without one, or if the machine ends with the command
+    ledger : job ledger next to the run file; None without one, and for a new virtual bench, whose workpiece and
+        tool end with the command
     creep_left : remaining creep of the actuator, before this use and in the end after it; None if it was never used
     run_file : the run file as it is called now; None before it exists
     error : the expected error that ended the run
@@ -78,9 +78,14 @@ class RunContext:
         return self.choice.actuator if self.choice else None
 
     @property
-    def history(self) -> MachineHistory:
-        """The machine's history by the ledger; empty without one."""
-        return history_of(self.ledger.lines if self.ledger else (), self.bench.serial)
+    def tool_identity(self) -> ToolIdentity:
+        """The machine, and the tool in it."""
+        return tool_identity(self.bench)
+
+    @property
+    def tool(self) -> MachineTool:
+        """The tool of the present plan by the ledger."""
+        return MachineTool(self.plan, self.tool_identity, self.ledger)
 
     @property
     def file_name(self) -> str:
@@ -88,21 +93,16 @@ class RunContext:
         return self.name.path.name if self.name else ""
 
     def check_machine(self) -> None:
-        """Take the machine's own setup, choose its calibration, read the use of its actuator and its ledger.
-
-        Raises RecordError, ProfileError, RunFileError, and PreconditionError: E8031, E8032 no calibration for a
-        machine without a sensor, E8053 a resumed run had another setup.
-        """
+        """Take the machine's own setup, choose its calibration, read the use of its actuator and its ledger."""
         if self.bench.own_setup is not None:
             self.plan = under(self.plan, self.bench.own_setup)
             self.warn(self.plan.loaded.warnings)
-        plan = self.plan
+        plan, is_lasting = self.plan, self.plan.where.lasting
         if plan.resumed is not None:
             plan.resumed.refuse_other_setup(plan.setup)
-        if plan.where.lasting:
+        calibrate = f"edmctl calibrate --seed {self.bench.seed}"
+        if is_lasting:
             calibrate = on_machine("edmctl calibrate", plan.where.selector)
-        else:
-            calibrate = f"edmctl calibrate --seed {self.bench.seed}"
         self.choice = choose(
             plan.request.calibration,
             plan.surroundings.environ,
@@ -110,11 +110,12 @@ class RunContext:
             plan.loaded.profile,
             self.bench.serial,
             calibrate,
-            lasting=plan.where.lasting,
+            lasting=is_lasting,
         )
         self.warn(self.choice.warnings)
         self.creep_left = self._creep_note().read()
-        self.ledger = ledger_of(plan, self.name)
+        if self.name is not None and is_lasting:
+            self.ledger = Ledger.open(self.name.path.parent)
 
     @contextmanager
     def recording(self, procedure: str, summary: Callable[[], Mapping[str, object]]) -> Iterator[None]:
@@ -122,19 +123,16 @@ class RunContext:
 
         `procedure` is the kind of procedure in the file, `summary` returns the result that is written at the end.
         From here on a virtual bench has the profile's tool.
-
-        Raises PreconditionError E8010 if a fault is latched, RunFileError if a file cannot be written.
         """
-        bench, plan = self.bench, self.plan
+        bench, plan, tool = self.bench, self.plan, self.tool
         if bench.machine.hello.fault and (latched := bench.machine.latched_fault()):
             raise latched
         before, note = self.creep_left, self._creep_note()
-        found = as_found(plan, bench, self.ledger, "measure-wear")
-        with self._run_file(found, procedure, summary):
+        with self._run_file(tool.plan_as_found("measure-wear"), procedure, summary):
             into = f", into {self.name.path}" if self.name else ""
             recipe = f"; recipe of {plan.recipe_of}" if plan.recipe_of else ""
             self.observer.note(f"{introduction(plan.where, bench)}{into}; {plan.setup.in_words()}{recipe}")
-            name_tool(plan, bench, self.ledger)
+            tool.name()
             note.take_away()
             bench.begin()
             if plan.new_tool and bench.virtual is not None:
@@ -149,14 +147,10 @@ class RunContext:
     def armed(self, job: Job, *, pulses: bool = False) -> Iterator[JobRun]:
         """Give the armed and conditioned machine for a procedure; it is retracted however the block ends."""
         job = replace(job, creep_left=self.creep_left)
+        recorder, observer = self.recorder, self.observer
         try:
             with running(
-                self.bench.machine,
-                job,
-                self.tally,
-                recorder=self.recorder,
-                observer=self.observer,
-                pulses=pulses,
+                self.bench.machine, job, self.tally, recorder=recorder, observer=observer, pulses=pulses
             ) as job_run:
                 yield job_run
         finally:
@@ -167,10 +161,7 @@ class RunContext:
         self.creep_left = self.tally.creep_left or CreepLeft.none(0.0)
 
     def write_down(self, *entries: Entry) -> None:
-        """Add entries to the ledger, if any; a bench in a file is written first and is never older.
-
-        Raises RunFileError if one of them cannot be written.
-        """
+        """Add entries to the ledger, if any; a bench in a file is written first and is never older."""
         ledger = self.ledger
         if ledger is None:
             return

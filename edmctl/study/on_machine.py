@@ -17,8 +17,8 @@ from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, EdmError, ObjectiveNotReached, PreconditionError, RunFileError
 from edmctl.files import path_variable
-from edmctl.jobs.ledger.prepared_job import WALL_UM
 from edmctl.jobs.plan import Plan, check
+from edmctl.jobs.prepared_job import WALL_UM
 from edmctl.jobs.run_header import RunName
 from edmctl.jobs.surroundings import Surroundings, Warn
 from edmctl.jsonout import JsonValue, to_json_value

@@ -17,7 +17,7 @@ import pytest
 
 import edmctl
 from edmctl.errors import Interrupted, PreconditionError, ProfileError
-from edmctl.jobs.runs.explanation import wanted
+from edmctl.jobs.runs.summary import wanted
 from edmctl.jobs.surroundings import Unobserved
 from edmctl.labels import Verdict
 from edmctl.machine.stop import StopRequest
@@ -179,7 +179,7 @@ def test_a_calibration_has_errors_and_acceptance_and_is_used(tmp_path: Path) -> 
     assert calibration.accepted
     assert not calibration.problems
     assert calibration.path == tmp_path / "calibration" / "fresh" / f"{calibration.serial}.toml"
-    assert calibration.held_out.rms_um < calibration.findings.baselines["line"].rms_um
+    assert calibration.held_out.rms_um < calibration.baselines["line"].rms_um
     assert list(calibration.to_frame()["model"]) == ["edmctl", "line", "maxwell"]
     assert re.match(r"<CalibrationReport: accepted, \d\.\d\d µm rms", repr(calibration))
     blind = edmctl.connect("sim:", seed=3, setup=setup, home=tmp_path)

@@ -30,7 +30,7 @@ from edmctl.profile.calibration import Calibration
 from edmctl.profile.setup import Setup
 from edmctl.record.columns import read_record, write_columns
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
-from tests.cli.commands import CU270, SHALLOW, Here, Said
+from tests.cli.commands import CU270, Here, Said
 
 if TYPE_CHECKING:
     from edmctl.actuator.waveforms import Waveform
@@ -106,7 +106,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Files:
 @pytest.fixture
 def files(written: Files, monkeypatch: pytest.MonkeyPatch) -> Files:
     """The measured files, and fits that spare most of the work of being exact and of telling how sure they are."""
-    monkeypatch.setattr("edmctl.jobs.calibration_fit.identify", PLAIN)
+    monkeypatch.setattr("edmctl.jobs.calibrate.identify", PLAIN)
     return written
 
 
@@ -160,14 +160,6 @@ def test_the_file_of_a_fresh_machine_is_used_where_it_is_named(
     assert choice.actuator.model.stroke_um == pytest.approx(run.result["stroke_um"], abs=1e-3)
 
 
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_result(run: Run, here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("EDMCTL_HOME", str(run.home))
-    again = here("calibrate", "--seed", str(SEED), "--port", "sim:", "--quiet", "--json")
-    assert again.document["result"] == run.result
-    assert again.err == ""
-
-
 def test_where_the_file_is_and_how_it_is_used_is_said(
     here: Here, quick: None, home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -197,14 +189,6 @@ def test_a_machines_model_is_validated_on_files_too_and_lost_telemetry_is_doubtf
     assert document["result"]["calibration_file"].endswith("SIM-3.toml")
     (warning,) = document["warnings"]
     assert (warning["code"], warning["message"][:8]) == ("W3611", "2 frames")
-
-
-@pytest.mark.slow
-def test_a_calibration_changes_no_later_run_of_the_same_seed(here: Here, quick: None) -> None:
-    job = ("machine", *SHALLOW, "--seed", "3", "--json", "--quiet")
-    before = here(*job).document["result"]
-    assert here("calibrate", "--seed", "3", "--quiet").exit_code == 0
-    assert here(*job).document["result"] == before
 
 
 def test_a_calibration_in_use_is_not_replaced_by_one_that_is_not_accepted(
@@ -274,7 +258,7 @@ def fail_to_fit(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     def failing(*_: object, **__: object) -> NoReturn:
         raise error
 
-    monkeypatch.setattr("edmctl.jobs.calibration_fit.identify", failing)
+    monkeypatch.setattr("edmctl.jobs.calibrate.identify", failing)
 
 
 def no_space(*_: object) -> NoReturn:

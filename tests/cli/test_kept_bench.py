@@ -62,12 +62,12 @@ def test_the_seed_makes_a_new_bench_and_an_old_one_keeps_machine_and_work(here: 
     first = here(*contact, "--seed", "12")
     document = first.document
     assert (document["simulated"], document["seed"], document["warnings"]) == (True, 12, [])
-    assert "its own work" not in first.err
+    assert "its own values" not in first.err
     said = here(*contact, "--seed", "13", "--set", "sim.flush_time_s=3")
     assert said.document["seed"] is None
     (warning,) = said.document["warnings"]
     assert (warning["code"], "bench.h5" in warning["message"]) == ("W4101", True)
-    assert "the bench keeps its own work, whatever [sim] says: flush_time_s = 0.5" in said.err
+    assert "the bench keeps its own values, whatever the profile says: flush_time_s = 0.5" in said.err
     bench = kept()
     assert bench.plant.serial == "SIM-12"
     assert bench.plant.config.discharge.gap.flush_time_s == 0.5

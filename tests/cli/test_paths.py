@@ -19,7 +19,7 @@ from edmctl.core.build import cache_folder
 from edmctl.errors import ProfileError, UsageError
 from edmctl.failures import Code
 from edmctl.files import read_bytes, user_path
-from edmctl.jobs.connect import secret_of
+from edmctl.jobs.connect import secret_for
 from edmctl.jobs.plan import MachineAddress, where_is
 from edmctl.jobs.runs.opening import find_run
 from edmctl.planning.rules.load import load_profile
@@ -150,7 +150,7 @@ VARIABLES: dict[str, Callable[[dict[str, str]], object]] = {
     "EDMCTL_CALIBRATION": lambda environ: find_kept("calibration", environ, None, None),
     "EDMCTL_DRIFT": lambda environ: find_kept("drift", environ, None, None),
     "EDMCTL_FIRMWARE_CACHE": cache_folder,
-    "EDMCTL_SECRET_FILE": lambda environ: secret_of(None, environ),
+    "EDMCTL_SECRET_FILE": lambda environ: secret_for(["socket://h:1"], None, environ),
 }
 
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmctl.errors import PreconditionError
-from edmctl.jobs.ledger.prepared_job import WALL_UM, next_free_x_um, refuse_taken
+from edmctl.jobs.prepared_job import WALL_UM, next_free_x_um, refuse_taken
 from edmctl.record.ledger import SiteMachined
 
 

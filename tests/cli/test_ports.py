@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import signal
-import socket
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,7 @@ from edmctl.link.opening import open_line
 from edmctl.link.ports import ST_LINK_IDS, PortInfo
 from edmctl.profile.setup import Link
 from edmctl.simulator import BenchConfig, open_bench
-from tests.cli.commands import ROOT, Here, Said, read_until, start
+from tests.cli.commands import ROOT, Here, Said
 from tests.serving import serving
 
 MEGA = PortInfo("/dev/ttyACM77", "Arduino Mega", "2341:0042", "7573")
@@ -149,37 +147,3 @@ def test_the_page_names_every_error_of_the_line() -> None:
     assert used
     explained = set(re.findall(r"^\| (E40[0-9]{2}) \|", page, flags=re.MULTILINE))
     assert used <= explained
-
-
-def test_a_virtual_controller_that_is_served_is_listed_until_it_ends(
-    here: Here, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("EDMCTL_HOME", "home")
-    server = start("simulate", "serve", "--seed", "7", "--link", "edm", cwd=Path.cwd())
-    assert server.stderr is not None
-    try:
-        read_until(server.stderr, "serving SIM-7")
-        (row,) = ports_of(here("ports", "--json"))
-        assert Path(row["device"]).resolve() == Path("edm").resolve()
-        assert "virtual controller SIM-7" in row["description"]
-        assert not row["known"]
-        (probed,) = ports_of(here("ports", "--probe", "--json"))
-        assert probed["controller"]["serial"] == "SIM-7"
-    finally:
-        server.send_signal(signal.SIGINT)
-        server.communicate(timeout=60)
-    assert ports_of(here("ports", "--json")) == []
-
-
-def test_what_a_killed_server_has_left_is_forgotten(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("EDMCTL_HOME", "home")
-    folder = Path("home/served")
-    folder.mkdir(parents=True)
-    for name, text in (
-        (f"{socket.gethostname()}-999999999.json", '{"port": "/dev/pts/1", "serial": "SIM-1"}'),
-        (f"{socket.gethostname()}-1.json", "nonsense"),
-        ("another computer-1.json", '{"port": "/dev/pts/1", "serial": "SIM-1"}'),
-    ):
-        (folder / name).write_text(text, encoding="utf-8")
-    assert ports_of(here("ports", "--json")) == []
-    assert [path.name for path in folder.iterdir()] == ["another computer-1.json"]

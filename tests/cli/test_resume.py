@@ -18,9 +18,8 @@ import pytest
 
 from edmctl.errors import LinkLost, MachineFault
 from edmctl.jobs.connected_machine import CALENDAR, Now
-from edmctl.jobs.job import tell_way_on
-from edmctl.jobs.measure_wear import _aged
-from edmctl.jobs.resume import checked, find_run, taken_up
+from edmctl.jobs.job import add_way_on
+from edmctl.jobs.resume import checked, find_run, resumed_job
 from edmctl.jobs.run_header import RunName
 from edmctl.link.faults import FaultCode
 from edmctl.machine.controller import LinkMachine
@@ -33,10 +32,8 @@ from edmctl.record.ledger import (
     UNFINISHED,
     JobBegun,
     Ledger,
-    ReferenceTouched,
     RunEnded,
     SiteMachined,
-    ToolAccount,
     ToolChanged,
     WearMeasured,
     history_of,
@@ -235,16 +232,6 @@ def test_what_the_journal_has_is_not_said_again(
     assert here(*RESUME, *BENCH, "--dry-run").exit_code == 0
 
 
-@pytest.mark.full
-def test_a_deep_hole_with_a_worn_tool_is_finished(here: Here) -> None:
-    deep = ("--set", 'target={kind="depth",depth_um=180.0,tolerance_um=2.0}')
-    with at_time_of_cut(172.0, stop):
-        assert here(*MACHINE, *deep, *BENCH, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
-    assert float(read_journal(Path("runs/a.journal")).state["wear_um"]) > 42.0  # type: ignore[arg-type]
-    (site,) = done(here(*RESUME, *BENCH))["sites"]
-    assert abs(site["truth"]["depth_um"] - 180.0) <= 2.0
-
-
 @pytest.mark.slow
 def test_an_array_is_taken_up_whose_finished_holes_were_not_judged_yet(
     here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -304,20 +291,6 @@ def test_a_run_has_several_names_and_a_dry_run_touches_nothing(here: Here, kille
 
 
 @pytest.mark.slow
-def test_a_resumed_job_that_dies_before_it_touches_keeps_what_was_known(here: Here, killed: Path) -> None:
-    before = read_journal(Path("runs/a.journal")).state
-    with dying_at("edmctl.procedures.hole.resuming.take_reading"):
-        assert here(*RESUME, *BENCH).exit_code == 4
-    (journal,) = Path("runs").glob("*.journal")
-    after = read_journal(journal)
-    assert after.job.parents == ("a",)
-    assert (after.state["depth_um"], after.state["wear_um"]) == (before["depth_um"], before["wear_um"])
-    said = here(*RESUME, *BENCH)
-    assert_on_target(said)
-    assert said.document["run_file"] == "runs/a-r2.h5"
-
-
-@pytest.mark.slow
 def test_the_times_of_all_runs_of_a_job_add_up(here: Here, killed: Path) -> None:
     before = read_journal(Path("runs/a.journal")).state
     earlier_s, cut_s = float(before["time_s"]), float(before["machining_time_s"])  # type: ignore[arg-type]
@@ -359,7 +332,7 @@ def test_home_is_where_the_journal_has_it_when_the_ledger_is_older(here: Here, k
     resumption = find_run("a", Path("runs"))
     passed_s = time.time() - read_journal(resumption.path).written_utc_s
     known = replace(job_of(load_profile(CU270, QUICK).profile, Setup()), home_um=99.0, home_age_s=30000.0)
-    job, state = taken_up(resumption, known, CALENDAR), resumption.state
+    job, state = resumed_job(resumption, known, CALENDAR), resumption.state
     assert job.home_um == state.home_um != 0.0
     assert 0.0 <= state.home_age_s < 300.0
     assert REPORT_DELAY_S <= job.home_age_s <= REPORT_DELAY_S + state.home_age_s + passed_s + 60.0
@@ -474,18 +447,17 @@ def test_the_way_on_after_a_restart_homes_the_stages_first(here: Here, killed: P
     name = RunName("a", Path("runs/a.h5"), datetime.now(UTC))
     for homed in (False, True):
         error = LinkLost("made for this test", code=code)
-        tell_way_on(error, replace(plan, resumed=replace(order, homed=homed)), name)
+        add_way_on(error, replace(plan, resumed=replace(order, homed=homed)), name)
         assert "Go on with `edmctl machine" in error.hint
         assert ("--homed" in error.hint) == (homed or code == "E4005")
 
 
 @pytest.mark.parametrize(("ahead_s", "age_s"), [(-100.0, 100.0), (30.0, 0.0), (86_400.0, math.inf)])
-def test_a_reference_from_the_future_has_no_known_age(ahead_s: float, age_s: float) -> None:
-    reference = ReferenceTouched("t", "a.h5", 50.0, 0.1, 3, 48.0, True, 0.0, 0.0, 1.0, 10.0)
-    account = ToolAccount("t", reference, time.time() + ahead_s, 500.0 + ahead_s)
-    assert _aged(reference, account, CALENDAR).age_s == pytest.approx(age_s, abs=5.0)
-    assert _aged(reference, account, Now(500.0)).age_s == (-ahead_s if ahead_s < 0.0 else math.inf)
-    assert _aged(reference, replace(account, reference_bench_s=math.nan), Now(500.0)).age_s == math.inf
+def test_a_time_in_the_future_has_no_known_age(ahead_s: float, age_s: float) -> None:
+    utc_s, bench_s = time.time() + ahead_s, 500.0 + ahead_s
+    assert CALENDAR.since_s(utc_s, bench_s) == pytest.approx(age_s, abs=5.0)
+    assert Now(500.0).since_s(utc_s, bench_s) == (-ahead_s if ahead_s < 0.0 else math.inf)
+    assert Now(500.0).since_s(utc_s, math.nan) == math.inf
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from edmctl.jobs.runs.explanation import event_sentences, holes_of
+from edmctl.jobs.runs.summary import event_sentences, holes_of
 from edmctl.results.run_file import FileEvent
 from tests.cli.commands import Here
 

@@ -17,7 +17,7 @@ from edmctl.actuator.model import ActuatorState
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures, Validation
 from edmctl.errors import RecordError
-from edmctl.jobs import calibration_fit as fit
+from edmctl.jobs import calibrate as fit
 from edmctl.jobs.corrections import choose
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.calibration import Calibration, Made, calibration_of
@@ -61,7 +61,7 @@ def quick() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def verified() -> fit.Findings:
+def verified() -> fit.CalibrationReport:
     """A model of one rate, validated with another record of about that rate."""
     return fit.find([swings(1.0)], [swings(1.1, name="again.csv")], ("zero",), None)
 
@@ -79,7 +79,7 @@ def test_a_validation_file_above_the_limits_refuses_the_model() -> None:
 
 
 def test_records_of_one_rate_are_accepted_for_it_only_until_another_verifies_the_model(
-    verified: fit.Findings,
+    verified: fit.CalibrationReport,
 ) -> None:
     faster = fit.find([swings(1.0)], [swings(5.0)], ("zero",), None).identification
     alone = plain([swings(1.0)])
@@ -99,7 +99,7 @@ figures = st.builds(
 
 @given(st.lists(figures, min_size=1, max_size=4))
 def test_accepted_means_that_no_error_is_above_the_limits(
-    verified: fit.Findings, errors: list[ErrorFigures]
+    verified: fit.CalibrationReport, errors: list[ErrorFigures]
 ) -> None:
     """Then the better of two models is never refused while the worse is accepted."""
     record = swings(1.0)
@@ -109,7 +109,7 @@ def test_accepted_means_that_no_error_is_above_the_limits(
 
 
 def test_the_verdict_of_validation_files_is_saved_and_verified_when_loaded(
-    verified: fit.Findings, tmp_path: Path
+    verified: fit.CalibrationReport, tmp_path: Path
 ) -> None:
     made = Made(utc="2026-01-01T00:00:00+00:00", edmctl="0", serial="SIM-1", simulated=True)
     path, files = tmp_path / "one.toml", [asdict(file) for file in verified.files]

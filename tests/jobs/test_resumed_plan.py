@@ -32,7 +32,7 @@ def resumed(done: int, *overrides: str) -> Plan:
 @pytest.mark.parametrize(("done", "overrides"), [(1, ()), (4, (GRID,))])
 def test_nothing_is_left_of_a_job_whose_holes_are_finished(done: int, overrides: tuple[str, ...]) -> None:
     plan = resumed(done, *overrides, "limits.max_time_s=150")
-    assert plan.forecast_left() is None
+    assert plan.forecast_remaining() is None
     assert plan.loaded.warnings == ()
     assert plan.resumed is not None
     assert plan.resumed.message().endswith("Nothing is left.")
@@ -44,7 +44,7 @@ def test_the_time_limit_is_judged_by_what_remains() -> None:
     (warning,) = resumed(0, GRID, limit).loaded.warnings
     assert f"about {whole_s:.0f} s" in warning.message
     plan = resumed(3, GRID, limit)
-    left = plan.forecast_left()
+    left = plan.forecast_remaining()
     assert left is not None
     assert left.holes == 1
     assert plan.loaded.warnings == ()

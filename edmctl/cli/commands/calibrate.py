@@ -182,9 +182,9 @@ def _run(outcome: Outcome, checked: "CheckedCalibration", seed: int) -> None:
             outcome.simulated = done.simulated
         ignore_signals()
     outcome.result = done.as_mapping()
-    outcome.show(lambda style: render_calibration(done.findings, checked.lever, style))
+    outcome.show(lambda style: render_calibration(done, checked.lever, style))
     outcome.text = f"\n{_whereabouts(done, checked, outcome.seed)}"
-    outcome.warn(done.findings.warnings)
+    outcome.warn(done.warnings)
 
 
 def _whereabouts(done: "CalibrationReport", checked: "CheckedCalibration", seed: int | None) -> str:

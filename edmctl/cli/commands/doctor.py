@@ -100,7 +100,7 @@ def _look(
         return error if isinstance(error, LinkLost) else None
     finally:
         if all(check.name != "setup" for check in checks.done):
-            checks.add(jobs_doctor.setup_used(setup))
+            checks.add(jobs_doctor.ok("setup", setup.in_words()))
     return None
 
 
@@ -160,10 +160,9 @@ def _clear(outcome: Outcome, machine: "LinkMachine", ack: int | None, *, lasting
 
 @command("ports")
 def ports(outcome: Outcome, setup: SetupOption = None, probe: ProbeOption = False) -> None:
-    """List serial ports, those of the setup, and virtual ones.
+    """List serial ports, and those of the setup.
 
-    No port is opened without --probe. It opens ports with known USB ids, those that the setup names, and those of
-    `edmctl simulate serve`.
+    No port is opened without --probe. It opens ports with known USB ids and those that the setup names.
     """
     from edmctl.profile.setup import load_setup
 
@@ -174,7 +173,6 @@ def ports(outcome: Outcome, setup: SetupOption = None, probe: ProbeOption = Fals
 
 def _port_rows(setup: "Setup", *, probe: bool) -> "list[PortRow]":
     """Look at every port that is listed or named in the setup; with `probe` ask those that may be asked."""
-    from edmctl.jobs.connect import served_ports
     from edmctl.link.ports import listed_ports, probable_ports, same_port
     from edmctl.results.equipment import PortRow
 
@@ -184,16 +182,11 @@ def _port_rows(setup: "Setup", *, probe: bool) -> "list[PortRow]":
     named = tuple(dict.fromkeys((*([port] if port and is_port else ()), *setup.link.candidates)))
     known = probable_ports(setup.link.usb_ids, named)
     known_devices = {one.device for one in known}
-    served = [
-        one
-        for one in served_ports(shell().environ)
-        if not any(same_port(one.device, device) for device in known_devices)
-    ]
-    answers = _answers(setup, [*known, *served]) if probe else {}
+    answers = _answers(setup, known) if probe else {}
     listed = listed_ports()
     listed_devices = {one.device for one in listed}
     rows = []
-    for one in (*listed, *(one for one in (*known, *served) if one.device not in listed_devices)):
+    for one in (*listed, *(one for one in known if one.device not in listed_devices)):
         hello, error = answers.get(one.device, (None, None))
         rows.append(
             PortRow(
@@ -213,12 +206,10 @@ def _port_rows(setup: "Setup", *, probe: bool) -> "list[PortRow]":
 
 def _answers(setup: "Setup", known: "list[PortInfo]") -> "Mapping[str, tuple[HelloReply | None, str | None]]":
     """Ask the ports who is there; the reply or the error of each device."""
-    from edmctl.jobs.connect import asks_for_secret, secret_of
+    from edmctl.jobs.connect import secret_for
     from edmctl.link.probing import probe
 
-    secret = b""
-    if asks_for_secret(*(one.device for one in known)):
-        secret = secret_of(setup.link.secret_file, shell().environ)
+    secret = secret_for([one.device for one in known], setup.link.secret_file, shell().environ)
     answers = probe(known, setup.link.baud, setup.link.hello_s, secret)
     return {answer.port.device: (answer.hello, answer.error) for answer in answers}
 

@@ -28,11 +28,11 @@ from edmctl.wording import coordinates
 
 if TYPE_CHECKING:
     from edmctl.jobs.job import Report
-    from edmctl.jobs.ledger.tool import ToolIdentity
     from edmctl.jobs.measure_wear import ReferenceTouch, WearMeasurement
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.procedures import Approach, DriftMeasurement, Jumps, Procedure, ProcedureReport
     from edmctl.jobs.run_header import RunName
+    from edmctl.jobs.tool import ToolIdentity
 
 _R = TypeVar("_R", bound="Report | ProcedureReport")
 _P = TypeVar("_P", bound="Procedure")
@@ -156,15 +156,15 @@ def _refuse_other_options(context: typer.Context) -> None:
 def _forecast(outcome: Outcome, plan: "Plan", name: "RunName") -> None:
     """Show the forecast, for a resumed job of what remains. Raises what ledger and bench would refuse."""
     from edmctl.cli.render.profile_tables import render_forecast
-    from edmctl.jobs.ledger.prepared_job import forewarned
+    from edmctl.jobs.prepared_job import forewarned
 
     result: dict[str, object] = {}
     if plan.resumed is not None:
         outcome.show(plan.resumed.message())
         result["resumed"] = plan.resumed.as_mapping()
     elif (identity := _identity_before(outcome, plan)) is not None:
-        outcome.warn(forewarned(plan, name, identity))
-    forecast = plan.forecast_left()
+        outcome.warn(forewarned(plan, name.path.parent, identity))
+    forecast = plan.forecast_remaining()
     outcome.result = {**result, "forecast": forecast}
     if forecast is not None:
         outcome.show(lambda style: render_forecast(plan.loaded.profile.meta.name, forecast, style))
@@ -182,7 +182,7 @@ def approach(
 
     The feed is the profile's approach speed. With --contact the tool touches the surface without sparks instead.
     """
-    from edmctl.jobs.ledger.prepared_job import place_of
+    from edmctl.jobs.prepared_job import place_of
     from edmctl.jobs.procedures import Approach
 
     plan = job.plan(outcome)
@@ -246,7 +246,8 @@ def measure_wear(
     ledger beside the run files contains it. Without a profile, the tool last in use is measured with the settings of
     the run that made the hole.
     """
-    from edmctl.jobs.measure_wear import TOUCHES_LIKE, ReferenceTouch, WearMeasurement
+    from edmctl.jobs.measure_wear import ReferenceTouch, WearMeasurement
+    from edmctl.jobs.plan import TOUCHES_LIKE
     from edmctl.record.ledger import Ledger
 
     plan = job.plan(outcome, like=TOUCHES_LIKE, new_tool=new_tool)
@@ -286,7 +287,7 @@ def measure_drift(
     depth beside the workpiece separates creep from drift. Without a profile, the tool last in use is taken, with the
     settings of its last run.
     """
-    from edmctl.jobs.measure_wear import TOUCHES_LIKE
+    from edmctl.jobs.plan import TOUCHES_LIKE
     from edmctl.jobs.procedures import DriftMeasurement
 
     drift = DriftMeasurement(job.plan(outcome, like=TOUCHES_LIKE), duration, output)
@@ -366,11 +367,15 @@ def _identity_before(outcome: Outcome, plan: "Plan") -> "ToolIdentity | None":
 
     A fresh virtual machine has no history.
     """
-    from edmctl.jobs.ledger.tool import not_seen, tool_identity_in_file
+    from edmctl.jobs.tool import tool_identity_in_file
 
     if not plan.where.lasting:
         return None
     identity = tool_identity_in_file(plan.where)
     if identity is None:
-        note(outcome.output, not_seen(plan.where))
+        note(
+            outcome.output,
+            "job ledger, bench and the machine's own setup were not looked at: the serial number of "
+            f"{plan.where.selector} is known only once it is connected",
+        )
     return identity

@@ -173,7 +173,7 @@ def show(outcome: Outcome, file: RunArgument, follow: FollowOption = False) -> N
 @command("run explain")
 def explain(outcome: Outcome, file: RunArgument) -> None:
     """Describe a run in plain sentences: what it did, when, and why."""
-    from edmctl.jobs.runs.explanation import sentences_of
+    from edmctl.jobs.runs.summary import sentences_of
     from edmctl.record.reader import reading
 
     with reading(find_run(file)) as opened:
@@ -377,7 +377,7 @@ def _draw(outcome: Outcome, opened: "RunFile", request: "PlotRequest", overwrite
 def _content(opened: "RunFile", target: "Target") -> bytes:
     """Return the bytes of the file. Raises NothingToDraw."""
     if target.kind is None:
-        from edmctl.jobs.runs.explanation import sentences_of, trouble_of
+        from edmctl.jobs.runs.summary import sentences_of, trouble_of
         from edmctl.report.page import pictures_of, render_page
 
         sentences = sentences_of(opened)

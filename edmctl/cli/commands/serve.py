@@ -19,7 +19,7 @@ from edmctl.cli.options import (
     option,
 )
 from edmctl.cli.outcome import Outcome, tell
-from edmctl.cli.signals import requests_by_signal, shell, stopping_signals
+from edmctl.cli.signals import requests_by_signal, stopping_signals
 from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.machine.stop import StopRequest
@@ -130,7 +130,7 @@ def serve(
 
 
 def _serve(outcome: Outcome, request: _Request) -> None:
-    from edmctl.jobs.connect import announced, driver
+    from edmctl.jobs.connect import driver
     from edmctl.jobs.persistent_simulator import kept_bench
     from edmctl.simulator.plant import serial_number
     from edmctl.simulator.serve import EventMonitor, Server
@@ -152,7 +152,6 @@ def _serve(outcome: Outcome, request: _Request) -> None:
         try:
             news = EventMonitor(bench, say, keep)
             with (
-                announced(endpoint.name, serial, shell().environ),
                 stopping_signals(stop, endpoint.close),
                 requests_by_signal(REPAIR_SIGNAL) as repair_asked,
             ):

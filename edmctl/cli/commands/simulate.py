@@ -1,6 +1,5 @@
 """`edmctl simulate`: the same job on many virtual machines; its subcommands simulate other things."""
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,12 +26,12 @@ from edmctl.cli.options import (
 )
 from edmctl.cli.outcome import Outcome, watching
 from edmctl.cli.signals import ignore_signals, shell
-from edmctl.errors import Diagnostic
 from edmctl.jobs.sweep import MOST_RUNS, seed_to_use
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
-    from edmctl.jobs.batch import CheckedCase, Series, SeriesRows, Task
+    from edmctl.jobs.batch import Task
+    from edmctl.jobs.plan import Plan
     from edmctl.results.job import Case, SimulatedRun
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False, subcommand_metavar="[COMMAND ...]")
@@ -62,15 +61,7 @@ SweepOption = Annotated[
 ]
 OutOption = Annotated[
     Path | None,
-    typer.Option(
-        "--out", metavar="DIR", help="Write a run file of each run, and rows to go on from. Default: none."
-    ),
-]
-ResumeOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--resume", metavar="DIR", help="Go on with the series in this folder, as it was asked for."
-    ),
+    typer.Option("--out", metavar="DIR", help="Write a run file of each run. Default: none."),
 ]
 TableOption = Annotated[
     Path | None, typer.Option("--table", metavar="FILE.csv", help="Write one row a case into a new file.")
@@ -94,59 +85,44 @@ def simulate(
     calibration: CalibrationOption = None,
     allow_model: AllowModelOption = False,
     out: OutOption = None,
-    resume: ResumeOption = None,
     table: TableOption = None,
     figure: FigureOption = None,
     dry_run: DryRunOption = False,
 ) -> None:
     """Run a job on many virtual machines.
 
-    Reports the spread of depth, wear, time and measurement errors over the seeds. --resume continues an interrupted
-    series that has a folder (--out). `simulate actuator` drives only the actuator of one machine.
+    Reports the spread of depth, wear, time and measurement errors over the seeds. `simulate actuator` drives only
+    the actuator of one machine.
     """
     from edmctl.cli.render.profile_tables import render_forecasts
-    from edmctl.jobs.batch import Series, SeriesRows, cases_of, check_names, tasks_of
+    from edmctl.jobs.batch import cases_of, check_names, tasks_of
     from edmctl.jobs.plan import SIMULATOR, JobRequest
 
     outcome.simulated = True
     _check_files(table, figure)
-    if resume is not None:
-        asked = (profile, overrides, setup, runs, sweep, seed, controller, calibration, out)
-        if any(value is not None for value in asked) or allow_model or dry_run:
-            raise failures.resume_series_with_options()
-        with SeriesRows(resume) as rows:
-            series = rows.series(resume)
-        out = resume
-    else:
-        changes = (*(overrides or ()), *controlled_by(controller))
-        request = JobRequest(profile, changes, setup, SIMULATOR, calibration, allow_model)
-        many = USUAL_RUNS if runs is None else runs
-        series = Series(request, tuple(sweep or ()), many, seed_to_use(seed, many))
-    cases = cases_of(series.request, series.sweeps, series.runs, shell())
-    outcome.uses(profile=cases[0].plan.loaded.path, setup=cases[0].plan.setup.file)
-    outcome.warn(dict.fromkeys(warning for case in cases for warning in case.plan.loaded.warnings))
-    if series.sweeps and series.runs == 1:
-        outcome.warn([_one_machine(series.first_seed)])
-    tasks = tasks_of(cases, series.first_seed, series.runs, out)
-    if resume is None:
-        check_names(tasks)
+    changes = (*(overrides or ()), *controlled_by(controller))
+    request = JobRequest(profile, changes, setup, SIMULATOR, calibration, allow_model)
+    many = USUAL_RUNS if runs is None else runs
+    first_seed = seed_to_use(seed, many)
+    cases = cases_of(request, sweep or [], many, shell())
+    outcome.uses(profile=cases[0][1].loaded.path, setup=cases[0][1].setup.file)
+    outcome.warn(dict.fromkeys(warning for _, plan in cases for warning in plan.loaded.warnings))
+    if sweep and many == 1:
+        outcome.warn([failures.sweep_on_one_machine(seed=first_seed)])
+    tasks = tasks_of(cases, range(first_seed, first_seed + many), out)
+    check_names(tasks)
     if dry_run:
-        told = [(case.label, case.request.overrides, case.plan.forecast) for case in cases]
         outcome.result = {
-            "cases": [dict(zip(("label", "overrides", "forecast"), one, strict=True)) for one in told]
+            "cases": [
+                {"label": label, "overrides": plan.request.overrides, "forecast": plan.forecast}
+                for label, plan in cases
+            ]
         }
-        outcome.show(lambda style: render_forecasts([(name, forecast) for name, _, forecast in told], style))
+        outcome.show(lambda style: render_forecasts([(label, plan.forecast) for label, plan in cases], style))
         return
-    outcome.seed = series.first_seed
-    batch = _Batch(outcome, series, cases, tasks)
-    if out is None:
-        batch.run(None)
-    else:
-        with SeriesRows(out) as rows:
-            if resume is None:
-                rows.refuse_begun(out)
-                rows.begin(series)
-            batch.run(rows)
+    outcome.seed = first_seed
+    batch = _Batch(outcome, cases, tasks)
+    batch.run()
     batch.write(table, figure)
 
 
@@ -165,10 +141,6 @@ def _check_files(table: Path | None, figure: Path | None) -> None:
         check_free(figure)
 
 
-def _one_machine(seed: int) -> Diagnostic:
-    return failures.sweep_on_one_machine(seed=seed)
-
-
 @app.callback(invoke_without_command=True)
 @with_options_of(simulate)
 def simulate_or_subcommand(context: typer.Context, **given: Any) -> int:
@@ -182,77 +154,52 @@ def simulate_or_subcommand(context: typer.Context, **given: Any) -> int:
 
 
 class _Batch:
-    """All runs of a series, and those that are done by the number of their task."""
+    """All runs of a series, and the finished ones by the number of their task."""
 
-    def __init__(
-        self, outcome: Outcome, series: "Series", cases: "list[CheckedCase]", tasks: "list[Task]"
-    ) -> None:
-        self._outcome = outcome
-        self._runs, self._first_seed = series.runs, series.first_seed
-        self._cases = cases
-        self._tasks = tasks
+    def __init__(self, outcome: Outcome, cases: "list[tuple[str, Plan]]", tasks: "list[Task]") -> None:
+        self._outcome, self._cases, self._tasks = outcome, cases, tasks
+        self._runs = len(tasks) // len(cases)
         self._done: dict[int, SimulatedRun] = {}
 
-    def run(self, rows: "SeriesRows | None") -> None:
-        """Run everything. A stopped series reports its finished runs and keeps them in its folder."""
+    def run(self) -> None:
+        """Run everything. A stopped series reports its finished runs."""
         from edmctl.core.library import library
         from edmctl.jobs.batch import perform_all
         from edmctl.jobs.parallel import Program
 
         library()  # without a compiler there is nothing to report
-        if rows is not None:
-            self._done = rows.finished(self._tasks)
-        left = [number for number in range(len(self._tasks)) if number not in self._done]
-
-        def keep(position: int, run: "SimulatedRun") -> None:
-            number = left[position]
-            if rows is not None:
-                rows.keep(self._tasks[number], run)
-            self._done[number] = run
-
-        try:
-            with watching(self._outcome.output) as reporter:
-                reporter.note(self._in_words())
-                perform_all(
-                    [self._tasks[number] for number in left], Program(shell, ignore_signals), reporter, keep
-                )
-        finally:
-            self._report()
-
-    def _in_words(self) -> str:
-        seeds = f"seed {self._first_seed}"
-        if self._runs > 1:
-            seeds = f"seeds {self._first_seed} to {self._first_seed + self._runs - 1}"
+        first, last = self._tasks[0].seed, self._tasks[-1].seed
+        seeds = f"seed {first}" if first == last else f"seeds {first} to {last}"
         runs = plural(self._runs, "run")
         if len(self._cases) > 1:
             runs = f"{len(self._cases)} values with {runs} each"
-        there = f"; {plural(len(self._done), 'run')} of them are there" if self._done else ""
-        return f"simulating {runs}, {seeds}{there}"
+        try:
+            with watching(self._outcome.output) as reporter:
+                reporter.note(f"simulating {runs}, {seeds}")
+                perform_all(self._tasks, Program(shell, ignore_signals), reporter, self._done.__setitem__)
+        finally:
+            self._report()
 
     def _summaries(self) -> "list[Case]":
         from edmctl.jobs.batch import summarize
 
-        found = []
-        for first, case in zip(range(0, len(self._tasks), self._runs), self._cases, strict=True):
-            finished = [
-                self._done[number] for number in range(first, first + self._runs) if number in self._done
-            ]
+        summaries = []
+        for number, (label, plan) in enumerate(self._cases):
+            first = number * self._runs
+            finished = [self._done[task] for task in range(first, first + self._runs) if task in self._done]
             if finished:
-                found.append(summarize(case.label, case.request.overrides, finished))
-        return found
+                summaries.append(summarize(label, plan.request.overrides, finished))
+        return summaries
 
     def _report(self) -> None:
         from edmctl.cli.render.runs_tables import render_cases
 
-        summaries, out = self._summaries(), self._tasks[0].out
+        summaries = self._summaries()
         self._outcome.result = {"runs": self._runs, "finished": len(self._done), "cases": summaries}
         if summaries:
             self._outcome.show(lambda style: render_cases(summaries, style))
         if len(self._done) < len(self._tasks):
-            way_on = "With --out DIR a series could go on."
-            if out is not None:
-                way_on = f"Go on with `edmctl simulate --resume {shlex.quote(str(out))}`."
-            self._outcome.show(f"{len(self._done)} of {plural(len(self._tasks), 'run')} finished. {way_on}")
+            self._outcome.show(f"{len(self._done)} of {plural(len(self._tasks), 'run')} finished.")
 
     def write(self, table: Path | None, figure: Path | None) -> None:
         """Write the files, and raise ObjectiveNotReached for runs that failed."""
@@ -270,14 +217,13 @@ class _Batch:
                 drawn = rendered(draw_cases(self._summaries()), figure.suffix.lower())
             output_files.write(figure, drawn)
             self._outcome.show(f"Figure {figure}")
-        done = self._done
-        bad = [number for number in sorted(done) if not done[number].ok]
-        if bad:
-            case, first = self._cases[bad[0] // self._runs], done[bad[0]]
+        failed = [number for number, run in sorted(self._done.items()) if not run.ok]
+        if failed:
+            (_, plan), first = self._cases[failed[0] // self._runs], self._done[failed[0]]
             raise failures.simulated_runs_failed(
-                failed_count=len(bad),
-                runs=plural(len(done), "run"),
+                failed_count=len(failed),
+                runs=plural(len(self._done), "run"),
                 seed=first.seed,
                 error=first.error,
-                request=command_of(case.request, first.seed),
+                request=command_of(plan.request, first.seed),
             )

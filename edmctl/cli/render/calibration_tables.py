@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from edmctl.actuator.identification import Identification
     from edmctl.actuator.validation import ErrorFigures
     from edmctl.jobs.actuator_trial import ModelErrors, PaperTrial, WaveformResult
-    from edmctl.jobs.calibrate import LeverFound
-    from edmctl.jobs.calibration_fit import FileFigures, Findings
+    from edmctl.jobs.calibrate import CalibrationReport, FileFigures, LeverFound
     from edmctl.procedures.calibration import CalibrationPlan
 
     Errors = ErrorFigures | FileFigures
@@ -30,12 +29,14 @@ _NAME_WIDTH = 15
 _ERRORS = ["max µm", "RMS µm", "max %", "RMS %"]
 
 
-def render_calibration(found: Findings, lever: LeverFound | None = None, style: Style = PLAIN) -> str:
+def render_calibration(
+    found: CalibrationReport, lever: LeverFound | None = None, style: Style = PLAIN
+) -> str:
     """Render the errors of the models, the properties of the actuator, and what is not accepted and why."""
     rows = [
         *_models(found.held_out_baselines, found.held_out),
         ("edmctl, noise taken off", found.identification.held_out_model),
-        ("edmctl, fitted data", found.train),
+        ("edmctl, fitted data", found.identification.train),
     ]
     blocks = [_errors("held-out blocks", rows, style)]
     if found.validated is not None:
@@ -62,7 +63,7 @@ def _numbers(errors: Errors | ModelErrors, digits: int = 2) -> list[str]:
     return [*lengths, decimal(errors.max_pct), decimal(errors.rms_pct)]
 
 
-def _validation(found: Findings, ours: Errors, style: Style) -> str:
+def _validation(found: CalibrationReport, ours: Errors, style: Style) -> str:
     """Errors on the files that were not fitted, and on each of them if there are several."""
     several = len(found.files) > 1
     title = f"{len(found.files)} files" if several else found.files[0].name

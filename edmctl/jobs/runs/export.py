@@ -41,9 +41,7 @@ class ExportRequest:
 
     def path_of(self, table: str) -> Path:
         """Return the file that a table goes to."""
-        if self.file is not None:
-            return self.file
-        return (self.folder or Path()) / f"{self.stem}-{table}.{self.form}"
+        return self.file or (self.folder or Path()) / f"{self.stem}-{table}.{self.form}"
 
     def check_free(self, tables: Sequence[str]) -> None:
         """Raise RunFileError E9011 when one of the files is there already and is not to be replaced."""
@@ -71,36 +69,27 @@ def export_request(
     E2081 no such format, also by the ending of the file, E2082 several tables into one file or to stdout, E2083
     --json with a table on stdout, E2084 the ending of the file is another format's.
     """
-    wanted = tuple(dict.fromkeys(_table(name, known) for name in tables))
+    names = tuple(dict.fromkeys(name.lower().replace("_", "-") for name in tables))
+    for name in names:
+        if name not in known:
+            raise failures.table_unknown(name=name, meant=did_you_mean(name, known), known=", ".join(known))
     ending = out.suffix.lower().removeprefix(".") if out is not None else ""
     is_file = out is not None and ending in tuple(Format) and not out.is_dir()
-    chosen = _format(form, ending if is_file else "")
+    try:
+        chosen = Format((form or (ending if is_file else "") or Format.CSV).lower())
+    except ValueError:
+        raise failures.export_format_unknown(asked=form, format=", ".join(Format)) from None
     if out is not None and out != STDOUT and ending and not (is_file or out.is_dir()):
         raise failures.export_ending_unknown(out=out.name, ending=ending, format=", ".join(Format))
     if is_file and ending != chosen:
         raise failures.export_format_and_ending(chosen=chosen, ending=ending)
-    to_stdout = out == STDOUT or (out is None and len(wanted) == 1)
-    if (is_file or to_stdout) and len(wanted) != 1:
+    to_stdout = out == STDOUT or (out is None and len(names) == 1)
+    if (is_file or to_stdout) and len(names) != 1:
         where = "stdout takes" if to_stdout else f"{out} takes"
-        raise failures.several_tables_one_file(where=where, wanted_count=len(wanted) or "all")
+        raise failures.several_tables_one_file(where=where, wanted_count=len(names) or "all")
     if to_stdout and as_json:
         raise failures.stdout_taken_by_json()
     if to_stdout:
-        return ExportRequest(wanted, chosen, stem)
-    if is_file:
-        return ExportRequest(wanted, chosen, stem, file=out, overwrite=overwrite)
-    return ExportRequest(wanted, chosen, stem, folder=beside if out is None else out, overwrite=overwrite)
-
-
-def _table(name: str, known: Sequence[str]) -> str:
-    plain = name.lower().replace("_", "-")
-    if plain in known:
-        return plain
-    raise failures.table_unknown(name=name, meant=did_you_mean(plain, known), known=", ".join(known))
-
-
-def _format(asked: str | None, ending: str) -> Format:
-    try:
-        return Format((asked or ending or Format.CSV).lower())
-    except ValueError:
-        raise failures.export_format_unknown(asked=asked, format=", ".join(Format)) from None
+        return ExportRequest(names, chosen, stem)
+    file, folder = (out, None) if is_file else (None, out or beside)
+    return ExportRequest(names, chosen, stem, file, folder, overwrite)

@@ -40,10 +40,7 @@ def find_run(named: Path) -> Path:
 
 @contextmanager
 def reading_unless_killed(path: Path) -> Iterator[RunFile]:
-    """Open a run file that is finished or whose writer lives, for a `with` block.
-
-    Raises RunFileError: E9005–E9007 it cannot be read, E9008 its writer was killed.
-    """
+    """Open a run file that is finished or whose writer lives, for a `with` block."""
     from edmctl.record.reader import reading
 
     with reading(path) as opened:
@@ -77,7 +74,7 @@ def command_to_go_on(run_file: Path) -> str:
 
     try:
         resumption = find_run(str(run_file), run_file.parent)
-        if _is_live(resumption):
+        if is_live(partial_path(resumption.path.with_suffix(".h5"))):
             return ""
         checked(resumption, resumption.job.port, 0.0)
     except (EdmError, OSError):
@@ -94,14 +91,6 @@ def resume_command(run_file: Path, port: str) -> str:
 def on_machine(command: str, port: str) -> str:
     """Return a command as it is typed for the machine at `port`; empty is the one that needs no name."""
     return f"{command} --port {shlex.quote(port)}" if port else command
-
-
-def _is_live(resumption: Resumption) -> bool:
-    from edmctl.record.journal import SUFFIX
-
-    journal = resumption.path
-    partial = partial_path(journal.with_name(f"{journal.name.removesuffix(SUFFIX)}.h5"))
-    return is_live(partial)
 
 
 def recover_file(file: Path, out: Path | None = None) -> Recovered:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from edmctl import failures
@@ -13,6 +13,7 @@ from edmctl.wording import did_you_mean
 
 FORMATS = ("png", "svg", "pdf")
 PAGE_SUFFIX = ".html"
+REPLACE_HINT = "Choose another place with --out, or replace it with --overwrite."
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,69 +33,64 @@ class PlotRequest:
     by_name: bool
 
     def to_draw(self, overwrite: bool) -> PlotRequest:
-        """Return the request without the figures that are there already, where not every one of them was named.
-
-        Raises RunFileError: E9011 every figure is there, or one that was named; E9012 a folder cannot be made.
-        """
+        """Return the request without existing figures, unless each of them was named."""
         for target in self.targets:
             output_files.check_folder(target.path.parent)
-        there = [] if overwrite else [target for target in self.targets if target.path.exists()]
-        if there and (self.by_name or len(there) == len(self.targets)):
-            output_files.check_free(there[0].path, REPLACE_HINT)
-        return replace(self, targets=tuple(target for target in self.targets if target not in there))
-
-
-REPLACE_HINT = "Choose another place with --out, or replace it with --overwrite."
+        existing = [] if overwrite else [target for target in self.targets if target.path.exists()]
+        if existing and (self.by_name or len(existing) == len(self.targets)):
+            output_files.check_free(existing[0].path, REPLACE_HINT)
+        return replace(self, targets=tuple(target for target in self.targets if target not in existing))
 
 
 def plot_request(
     stem: str, beside: Path, kinds: Sequence[str], out: Path | None, form: str | None
 ) -> PlotRequest:
-    """Resolve the files: `STEM-KIND.png` in the folder `beside`, in that of `out`, or the one file `out`.
-
-    Raises UsageError: E2070 no such kind, E2071 one file for several figures, E2072 formats that contradict.
-    """
+    """Resolve the files: `STEM-KIND.png` in the folder `beside`, in that of `out`, or the one file `out`."""
     names = list(dict.fromkeys(kinds)) or [kind.name for kind in KINDS]
     for name in names:
-        _check_kind(name)
+        if name not in NAMES:
+            raise failures.figure_kind_unknown(
+                name=name, meant=did_you_mean(name, NAMES), names=", ".join(NAMES)
+            )
     if form is not None and form not in FORMATS:
         raise failures.figure_format_unknown(form=form, formats=", ".join(FORMATS))
     if names == [REPORT] and form is not None:
         raise failures.report_is_html()
-    suffixes = {name: PAGE_SUFFIX if name == REPORT else f".{form or FORMATS[0]}" for name in names}
-    paths = dict(_paths(stem, out or beside, suffixes, form))
-    return PlotRequest(
-        tuple(Target(name, None if name == REPORT else kind_called(name), paths[name]) for name in names),
-        bool(kinds),
-    )
+    out = out or beside
+    is_file = _is_file(out)
+    if is_file and len(names) > 1:
+        raise failures.several_figures_one_file(suffixes_count=len(names), out=out)
+    if is_file:
+        _check_ending(names[0], out, form)
+    targets = []
+    for name in names:
+        suffix = PAGE_SUFFIX if name == REPORT else f".{form or FORMATS[0]}"
+        path = out if is_file else out / f"{stem}-{name}{suffix}"
+        targets.append(Target(name, None if name == REPORT else kind_called(name), path))
+    return PlotRequest(tuple(targets), bool(kinds))
 
 
-def _paths(stem: str, out: Path, suffixes: dict[str, str], form: str | None) -> Iterator[tuple[str, Path]]:
-    """Give the path of each kind; `out` is a file if it has an ending, else a folder."""
+def _is_file(out: Path) -> bool:
+    """Whether `out` is a file, by its ending; else it is a folder. Raises UsageError E2072."""
     if str(out) == "-":
         raise failures.figures_to_stdout()
-    known = {f".{name}" for name in FORMATS} | {PAGE_SUFFIX}
-    if out.suffix and out.suffix.lower() not in known and not out.is_dir():
-        raise failures.figure_ending_unknown(out=out.name, known=", ".join(sorted(known)))
     if not out.suffix or out.is_dir():
-        yield from ((name, out / f"{stem}-{name}{suffix}") for name, suffix in suffixes.items())
-        return
-    if len(suffixes) > 1:
-        raise failures.several_figures_one_file(suffixes_count=len(suffixes), out=out)
-    (name,) = suffixes
-    wanted = {PAGE_SUFFIX} if name == REPORT else known - {PAGE_SUFFIX} if form is None else {f".{form}"}
-    if out.suffix.lower() not in wanted:
-        what = "The report" if name == REPORT else "A figure"
+        return False
+    known = sorted((PAGE_SUFFIX, *(f".{name}" for name in FORMATS)))
+    if out.suffix.lower() not in known:
+        raise failures.figure_ending_unknown(out=out.name, known=", ".join(known))
+    return True
+
+
+def _check_ending(name: str, out: Path, form: str | None) -> None:
+    """Raise UsageError E2072 if the file has the ending of another format."""
+    endings = [f".{form}"] if form else sorted(f".{name}" for name in FORMATS)
+    if name == REPORT:
+        endings = [PAGE_SUFFIX]
+    if out.suffix.lower() not in endings:
         raise failures.figure_name_ending(
-            what=what,
+            what="The report" if name == REPORT else "A figure",
             out=out.name,
-            wanted=" or ".join(sorted(wanted)),
+            wanted=" or ".join(endings),
             remedy="Choose another name for --out" + (", or leave --format out." if form else "."),
         )
-    yield name, out
-
-
-def _check_kind(name: str) -> None:
-    if name in NAMES:
-        return
-    raise failures.figure_kind_unknown(name=name, meant=did_you_mean(name, NAMES), names=", ".join(NAMES))

@@ -15,7 +15,7 @@ from edmctl.cli.render.calibration_tables import (
     render_plan,
 )
 from edmctl.cli.render.procedure_tables import render_drift, render_wear
-from edmctl.jobs.actuator_trial import ModelErrors, Truth, WaveformResult
+from edmctl.jobs.actuator_trial import ModelErrors, WaveformResult
 from edmctl.labels import Basis
 from edmctl.procedures.calibration import CalibrationPlan
 from edmctl.results.measurements import DriftResult, UncertaintyPart, WearResult
@@ -125,7 +125,7 @@ def made_waveform(name: str) -> WaveformResult:
         "paper": ModelErrors(11.0, 6.0, 2.4, 1.3),
         "ours": ModelErrors(1.5, 0.7, 0.3, 0.2),
     }
-    return WaveformResult(name, Truth(451.234), models)
+    return WaveformResult(name, {"range_um": 451.234}, models)
 
 
 def test_each_waveform_has_a_row_per_model_and_is_named_once() -> None:

@@ -8,8 +8,7 @@ from typing import Any, cast
 
 from edmctl.actuator.acceptance import Noise
 from edmctl.actuator.validation import Bands, ErrorFigures
-from edmctl.jobs.calibrate import LeverFound
-from edmctl.jobs.calibration_fit import FileFigures, Findings
+from edmctl.jobs.calibrate import CalibrationReport, FileFigures, LeverFound
 from edmctl.labels import Basis, Verdict
 from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
 from edmctl.results.progress import Phase, Progress
@@ -144,6 +143,7 @@ class Found:
     restrictions: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     noise: Noise = field(default_factory=lambda: Noise(0.15, 0.7))
+    train: ErrorFigures = field(default_factory=lambda: made_figures())
     held_out_model: ErrorFigures = field(default_factory=lambda: made_figures(max_um=1.9, rms_um=0.41))
 
 
@@ -156,7 +156,6 @@ BASELINES = {
 @dataclass(frozen=True, slots=True)
 class _Findings:
     identification: Found = field(default_factory=Found)
-    train: ErrorFigures = field(default_factory=made_figures)
     held_out: ErrorFigures = field(default_factory=made_figures)
     held_out_baselines: dict[str, ErrorFigures] = field(default_factory=lambda: BASELINES)
     validated: ErrorFigures | None = None
@@ -165,9 +164,9 @@ class _Findings:
     refit: tuple[str, ...] = ("zero",)
 
 
-def made_findings(**changes: Any) -> Findings:
+def made_findings(**changes: Any) -> CalibrationReport:
     """What tables show of a calibration."""
-    return cast("Findings", replace(_Findings(), **changes))
+    return cast("CalibrationReport", replace(_Findings(), **changes))
 
 
 LEVER = LeverFound(18.02, 0.05, 0.0, 100)

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass, field, replace
-from edmctl.errors import Diagnostic
-from edmctl.jobs.corrections import choose_drift, doubts_of_use
-from edmctl.jobs.ledger.prepared_job import Place, hole_radius_um, prepared_job
-from edmctl.jobs.ledger.tool import reference_setup, tool_identity
+from edmctl.jobs.corrections import choose_drift, unknown_use_warning
+from edmctl.jobs.prepared_job import Place, hole_radius_um, prepared_job
 from edmctl.jobs.run_context import RunContext
+from edmctl.jobs.tool import reference_setup
 from edmctl.procedures.job import Job, JobState, StateStore
 from edmctl.quantity import half_width
 from edmctl.record.ledger import (
     UNFINISHED,
     JobBegun,
-    Ledger,
     ReferenceTouched,
     RunEnded,
     SiteMachined,
@@ -39,47 +38,42 @@ class JobLedger:
     journal: StateStore
     truth: Mapping[str, float] | None = None
     _places: tuple[Place, ...] = ()
-    _z1: JobState | None = None
-    _wants_reference: bool = False
+    _has_z1: bool = False
+    _needs_reference: bool = False
     _begun: dict[str, JobState] = field(default_factory=dict)
 
     def job(self, resuming: Collection[str] = ()) -> Job:
-        """Return the job for the present tool; `resuming` as in `prepared_job`. Writes nothing.
-
-        Raises PreconditionError as `prepared_job` and `PreparedJob.refuse` do.
-        """
-        run, plan = self.run, self.run.plan
-        ledger = run.ledger
-        if ledger is not None and run.bench.seed is not None:
-            run.warn(_of_another_bench(ledger, run.bench.serial))
-        prepared = prepared_job(plan, tool_identity(run.bench), run.actuator, ledger, resuming)
-        run.drift = choose_drift(
-            plan.surroundings.environ, plan.setup, run.bench.serial, lasting=plan.where.lasting
-        )
+        """Return the job for the present tool; `resuming` as in `prepared_job`. Writes nothing."""
+        run, plan, ledger = self.run, self.run.plan, self.run.ledger
+        serial = run.bench.serial
+        is_known = ledger is not None and any(line.serial == serial for line in ledger.lines)
+        if ledger is not None and is_known and run.bench.seed is not None:
+            run.warn([failures.bench_new_for_ledger(ledger=ledger.path, serial=serial)])
+        prepared = prepared_job(plan, run.tool_identity, run.actuator, ledger, resuming)
+        run.drift = choose_drift(plan.surroundings.environ, plan.setup, serial, lasting=plan.where.lasting)
         job = replace(prepared.job, drift=run.drift.model, creep_left=run.creep_left)
-        run.warn([*run.drift.warnings, *doubts_of_use(run.drift, job.unknown_use_s)])
+        run.warn([*run.drift.warnings, *unknown_use_warning(run.drift, job.unknown_use_s)])
         if ledger is not None:
-            run.warn(prepared.refuse(plan, ledger.path.parent, resuming))
+            run.warn(prepared.refuse(resuming))
             self._places = prepared.places
-            left = plan.resumed.state if plan.resumed else None
-            is_first = left is None or not (left.z1_touches or left.done)
-            self._wants_reference = prepared.account.reference is None and is_first
+            state = plan.resumed.state if plan.resumed else None
+            is_first = state is None or not (state.z1_touches or state.done)
+            self._needs_reference = prepared.tool.account.reference is None and is_first
         return job
 
     def begin(self) -> None:
-        """Before the machine moves: a job that is killed leaves a word about its places."""
-        changed = [ToolChanged(self._tool)] if self.run.plan.new_tool else []
-        radius_um, wear_um = hole_radius_um(self.run.plan.loaded.profile), self.run.plan.forecast.tool_wear_um
-        begun = JobBegun(
-            self._tool, self.run.file_name, radius_um, self._places, wear_um, self.run.plan.setup.sha256
-        )
-        self.run.write_down(*changed, begun)
+        """Write the places before the machine moves, for a job that is killed."""
+        run, plan, tool = self.run, self.run.plan, self._tool
+        radius_um, wear_um = hole_radius_um(plan.loaded.profile), plan.forecast.tool_wear_um
+        begun = JobBegun(tool, run.file_name, radius_um, self._places, wear_um, plan.setup.sha256)
+        run.write_down(*([ToolChanged(tool)] if plan.new_tool else []), begun)
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
         """Keep the first Z1 and the holes that were started, and pass the state on."""
-        if self._z1 is None and state.z1_touches and not state.begun:
-            self._z1 = state
-            self._keep_reference(state)
+        if not self._has_z1 and state.z1_touches and not state.begun:
+            self._has_z1 = True
+            if self._needs_reference:  # at once because the job may be killed
+                self._write_reference(state)
         if state.begun:
             self._begun[state.site] = state
         self.journal.keep(state, urgent=urgent)
@@ -94,10 +88,8 @@ class JobLedger:
     def _tool(self) -> str:
         return self.run.plan.loaded.profile.tool.label
 
-    def _keep_reference(self, z1: JobState) -> None:
-        """Write the first touch as the tool's reference, at once because the job may be killed."""
-        if not self._wants_reference:
-            return
+    def _write_reference(self, z1: JobState) -> None:
+        """Write the first touch as the tool's reference."""
         reference = ReferenceTouched(
             tool=self._tool,
             run_file=self.run.file_name,
@@ -114,7 +106,10 @@ class JobLedger:
         self.run.write_down(reference)
 
     def _sites(self, result: JobResult) -> list[SiteMachined]:
-        """Measured holes, and those that were begun and left; or the channel, place by place."""
+        """Return the holes in the order of machining, as the last one determines the length of the tool.
+
+        These are measured holes and those that were begun and left; or the channel, place by place.
+        """
         blank = SiteMachined(
             tool=self._tool,
             run_file=self.run.file_name,
@@ -130,28 +125,18 @@ class JobLedger:
         places = [replace(blank, name=name, x_um=x_um, y_um=y_um) for name, x_um, y_um in self._places]
         if self.run.plan.loaded.profile.path is not None:
             return _channel(places, result, next(iter(self._begun.values()), None))
-        return self._holes(places, result)
-
-    def _holes(self, places: Sequence[SiteMachined], result: JobResult) -> list[SiteMachined]:
-        """Return the holes in the order of machining: the last one determines the length of the tool."""
-        begun = {place.name: place for place in places}
-        entries = []
+        unmeasured, entries = {place.name: place for place in places}, []
         for site in result.sites:
-            if site.name in begun:
-                found = _machined(begun.pop(site.name), site)
+            if site.name in unmeasured:
+                found = _machined(unmeasured.pop(site.name), site)
                 entries.append(found if site.finished else replace(found, status=UNFINISHED))
-        left = (_left(place, self._begun[name]) for name, place in begun.items() if name in self._begun)
-        return [*entries, *left]
+        for name, place in unmeasured.items():
+            if name in self._begun:
+                entries.append(_abandoned(place, self._begun[name]))
+        return entries
 
 
-def _of_another_bench(ledger: Ledger, serial: str) -> list[Diagnostic]:
-    """Return a warning if the ledger contains a machine with the number of this new bench."""
-    if all(line.serial != serial for line in ledger.lines):
-        return []
-    return [failures.bench_new_for_ledger(ledger=ledger.path, serial=serial)]
-
-
-def _left(place: SiteMachined, state: JobState) -> SiteMachined:
+def _abandoned(place: SiteMachined, state: JobState) -> SiteMachined:
     """Return a hole that this run has not measured, with the values of the journal."""
     return replace(
         place,
@@ -164,6 +149,7 @@ def _left(place: SiteMachined, state: JobState) -> SiteMachined:
 
 
 def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMachined:
+    z3_um = found.z3_um + found.drift_correction_um
     return replace(
         place,
         status=DONE,
@@ -173,33 +159,30 @@ def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMac
         wear_um=found.wear_um,
         wear_u95_um=found.wear_u95_um,
         z1_um=found.z1_um,
-        z2_um=found.z3_um + found.drift_correction_um + found.depth_um,
-        z3_um=found.z3_um + found.drift_correction_um,
+        z2_um=z3_um + found.depth_um,
+        z3_um=z3_um,
         through=isinstance(found, SiteResult) and found.through,
     )
 
 
-def _floor_at(place: SiteMachined, found: ChannelResult) -> SiteMachined:
-    """A place of a channel: its floor is as deep as that on average, and as uneven."""
-    floor_sd_um = found.floor_sd_um if found.floor else 0.0
-    return replace(
-        _machined(place, found),
-        depth_u95_um=math.hypot(found.depth_u95_um, half_width(floor_sd_um)),
-        depth_u_um=math.hypot(found.depth_u_um, floor_sd_um),
-        status=DONE if found.finished else UNFINISHED,
-    )
-
-
-def _channel(places: Sequence[SiteMachined], result: JobResult, left: JobState | None) -> list[SiteMachined]:
+def _channel(places: Sequence[SiteMachined], result: JobResult, state: JobState | None) -> list[SiteMachined]:
     """Return a channel as a row of holes, the whole wear at the first; empty if nothing was cut.
 
-    Values of a channel that no run has measured come from the journal.
+    Everywhere its floor has the mean depth, and is uneven by its scatter. Values of a channel that no run has
+    measured come from the journal.
     """
     if not result.machining_time_s:
         return []
-    found = result.channel
-    if found is not None:
-        first, *others = [_floor_at(place, found) for place in places]
-    else:
-        first, *others = [_left(place, left) for place in places] if left is not None else places
+    channel = result.channel
+    if channel is not None:
+        floor_sd_um = channel.floor_sd_um if channel.floor else 0.0
+        floor: dict[str, Any] = {
+            "depth_u95_um": math.hypot(channel.depth_u95_um, half_width(floor_sd_um)),
+            "depth_u_um": math.hypot(channel.depth_u_um, floor_sd_um),
+            "status": DONE if channel.finished else UNFINISHED,
+        }
+        places = [replace(_machined(place, channel), **floor) for place in places]
+    elif state is not None:
+        places = [_abandoned(place, state) for place in places]
+    first, *others = places
     return [first, *(replace(place, wear_um=0.0, wear_u95_um=0.0) for place in others)]

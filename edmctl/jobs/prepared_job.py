@@ -1,4 +1,4 @@
-"""The job as the ledger permits it: places of its holes, and the tool as earlier jobs left it."""
+"""The job as the ledger permits it, and the ledger entries of the job: places of its holes, and the tool."""
 
 from __future__ import annotations
 
@@ -7,28 +7,20 @@ from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
 from edmctl import failures
-from edmctl.dataclasses import dataclass, field, replace
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic
 from edmctl.jobs.connected_machine import with_home
-from edmctl.jobs.ledger.tool import (
-    ToolIdentity,
-    account_of,
-    left_to_finish,
-    on_worn_tool,
-    other_tool,
-    refuse_other_setup,
-    refuse_too_short,
-    refuse_unknown_length,
-    refuse_worn_out,
-)
 from edmctl.jobs.plan import Plan
-from edmctl.jobs.run_header import RunName
+from edmctl.jobs.tool import MachineTool, ToolIdentity
 from edmctl.planning.forecast import forecast
 from edmctl.planning.removal import PAD_MARGIN_UM
 from edmctl.planning.rules.sites import unreachable
 from edmctl.procedures.job import CalibratedActuator, Job, job_of
 from edmctl.profile.model import Profile
-from edmctl.record.ledger import Ledger, MachineHistory, SiteMachined, ToolAccount, history_of
+from edmctl.record.ledger import (
+    Ledger,
+    SiteMachined,
+)
 from edmctl.wording import coordinates, length
 
 WALL_UM = 50.0
@@ -58,12 +50,16 @@ def next_free_x_um(
 def refuse_taken(
     places: Iterable[Place], radius_um: float, holes: Sequence[SiteMachined], folder: Path
 ) -> None:
-    """Raise PreconditionError E8042 if a hole would overlap an existing one."""
+    """Raise PreconditionError E8042 if a hole would overlap an existing one; `folder` contains the run files."""
     for name, x_um, y_um in places:
         for hole in holes:
             if math.hypot(hole.x_um - x_um, hole.y_um - y_um) < hole.radius_um + radius_um:
-                where, taken = coordinates(x_um, y_um), hole_in_words(hole, folder)
-                raise failures.place_taken(name=name, x_um=where, hole=taken)
+                depth = "of unknown depth" if math.isnan(hole.depth_um) else f"{length(hole.depth_um)} deep"
+                if hole.through:
+                    depth = "through the sheet"
+                at = coordinates(hole.x_um, hole.y_um)
+                taken = f"{hole.name}, {depth} at {at}, {hole.status}, recorded in {folder / hole.run_file}"
+                raise failures.place_taken(name=name, x_um=coordinates(x_um, y_um), hole=taken)
 
 
 def refuse_unreachable(place: Place, job: Job) -> None:
@@ -74,24 +70,14 @@ def refuse_unreachable(place: Place, job: Job) -> None:
 
 
 def refuse_pad(place: Place, job: Job) -> None:
-    """Raise PreconditionError E8042 where sparks would be made on the pad, which all touches count from."""
-    name, x_um, y_um = place
-    tool, pad = job.profile.tool, job.pad
-    clear_um = tool.diameter_um + job.profile.work.side_gap_um + PAD_MARGIN_UM
-    away_um = math.hypot(x_um - pad.x_um, y_um - pad.y_um)
+    """Raise PreconditionError E8042 if sparks would be made on the pad, which all touches count from."""
+    (name, x_um, y_um), profile = place, job.profile
+    clear_um = profile.tool.diameter_um + profile.work.side_gap_um + PAD_MARGIN_UM
+    away_um = math.hypot(x_um - job.pad.x_um, y_um - job.pad.y_um)
     if away_um < clear_um:
         raise failures.place_near_pad(
             name=name, x_um=coordinates(x_um, y_um, 1), away_um=length(away_um), clear_um=clear_um
         )
-
-
-def hole_in_words(hole: SiteMachined, folder: Path) -> str:
-    """Describe a hole: name, depth, place, and its run file in `folder`."""
-    depth = "of unknown depth" if math.isnan(hole.depth_um) else f"{length(hole.depth_um)} deep"
-    if hole.through:
-        depth = "through the sheet"
-    where = coordinates(hole.x_um, hole.y_um)
-    return f"{hole.name}, {depth} at {where}, {hole.status}, recorded in {folder / hole.run_file}"
 
 
 def place_of(text: str | None) -> tuple[float, float] | None:
@@ -113,15 +99,6 @@ def coordinates_in(text: str) -> tuple[float, float] | None:
     return (x_um, y_um) if math.isfinite(x_um) and math.isfinite(y_um) else None
 
 
-def ledger_of(plan: Plan, name: RunName | None) -> Ledger | None:
-    """Return the ledger next to the run file; None without a run file.
-
-    A new virtual bench has none: its workpiece and tool end with the command, and a ledger entry of the same
-    serial number would be about another bench.
-    """
-    return Ledger.open(name.path.parent) if name is not None and plan.where.lasting else None
-
-
 def hole_radius_um(profile: Profile) -> float:
     """Radius of the holes that the profile's tool makes."""
     return profile.tool.diameter_um / 2.0 + profile.work.side_gap_um
@@ -129,34 +106,27 @@ def hole_radius_um(profile: Profile) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PreparedJob:
-    """A job for the present tool: machine, places, account of the tool, and the other holes."""
+    """A job for the present tool, its places, and the other holes in the workpiece."""
 
     job: Job
-    serial: str
-    account: ToolAccount
+    tool: MachineTool
     places: tuple[Place, ...] = ()
     holes: tuple[SiteMachined, ...] = ()
-    history: MachineHistory = field(default_factory=MachineHistory)
 
-    def refuse(self, plan: Plan, folder: Path, resuming: Collection[str] = ()) -> list[Diagnostic]:
-        """Return warnings about the tool; `folder` contains the run files.
-
-        Raises PreconditionError: E8042 a place is taken, E8043 the tool is worn out, E8044 too short, E8048 of
-        unknown length.
-        """
-        job, account = self.job, self.account
+    def refuse(self, resuming: Collection[str] = ()) -> list[Diagnostic]:
+        """Return warnings about the tool."""
+        job, tool, loaded = self.job, self.tool, self.tool.plan.loaded
         warnings: list[Diagnostic] = []
-        if job.profile.approach is not plan.loaded.profile.approach:
-            stroke_um = forecast(job.profile, job.setup, plan.loaded.places).stroke_um
-            refuse_too_short(job.profile, job.setup, stroke_um, account, plan)
+        if job.profile.approach is not loaded.profile.approach:
+            tool.refuse_too_short(job.profile, forecast(job.profile, job.setup, loaded.places).stroke_um)
         if not resuming:
-            refuse_unknown_length(account, folder, plan)
-            warnings += refuse_worn_out(job.profile, job.setup, plan, account)
-            warnings += other_tool(plan, account, self.history)
-            warnings += left_to_finish(account.label, self.serial, folder)
-        if not plan.loaded.places and self.places and job.profile.path is None:
+            tool.refuse_unknown_length()
+            warnings += tool.refuse_worn_out(job.profile)
+            warnings += tool.other_tool_warning()
+            warnings += tool.unfinished_warnings()
+        if not loaded.places and self.places and job.profile.path is None:
             refuse_unreachable(self.places[0], job)
-        refuse_taken(self.places, hole_radius_um(job.profile), self.holes, folder)
+        refuse_taken(self.places, hole_radius_um(job.profile), self.holes, tool.folder)
         return warnings
 
 
@@ -171,35 +141,32 @@ def prepared_job(
 
     `resuming` are the file names of the interrupted runs of this job: their holes belong to it.
     """
-    loaded, setup = plan.loaded, plan.setup
+    loaded, tool = plan.loaded, MachineTool(plan, identity, ledger)
     if ledger is None:
-        job = job_of(loaded.profile, setup, loaded.places, actuator)
-        return PreparedJob(job, identity.serial, ToolAccount(loaded.profile.tool.label))
-    history = history_of(ledger.lines, identity.serial)
-    account = account_of(plan, identity, history)
+        return PreparedJob(job_of(loaded.profile, plan.setup, loaded.places, actuator), tool)
     if plan.resumed is None:
-        refuse_other_setup(account, history, plan, ledger.path.parent)
-    left = plan.resumed.state if plan.resumed else None
+        tool.refuse_other_setup()
+    state = plan.resumed.state if plan.resumed else None
     # A job that has touched knows its pad from the journal, and the stroke was enough when it began.
-    touched = left is not None and (left.site or left.done)
-    profile = loaded.profile if touched else on_worn_tool(loaded.profile, account)
-    own = [hole for hole in history.holes if hole.run_file in resuming]
-    holes = tuple(hole for hole in history.holes if hole not in own)
-    stage, radius_um = setup.stage, hole_radius_um(profile)
+    has_touched = state is not None and (state.site or state.done)
+    profile = loaded.profile if has_touched else tool.worn(loaded.profile)
+    own = [hole for hole in tool.history.holes if hole.run_file in resuming]
+    others = tuple(hole for hole in tool.history.holes if hole not in own)
+    stage, radius_um = plan.setup.stage, hole_radius_um(profile)
     x_um = next_free_x_um(
-        stage.reference_x_um, stage.reference_y_um, profile.measure.site_dx_um, radius_um, holes
+        stage.reference_x_um, stage.reference_y_um, profile.measure.site_dx_um, radius_um, others
     )
-    job = job_of(profile, setup, loaded.places, actuator, start_x_um=own[0].x_um if own else x_um)
+    job = job_of(profile, plan.setup, loaded.places, actuator, start_x_um=own[0].x_um if own else x_um)
     own_um = math.fsum(hole.wear_um for hole in own if not math.isnan(hole.wear_um))
-    job = with_home(job, history, identity.now)
-    job = replace(job, tool_wear_before_um=account.lost_um - own_um)
-    return PreparedJob(job, identity.serial, account, _places(job, radius_um), holes, history)
+    job = replace(
+        with_home(job, tool.history, identity.now), tool_wear_before_um=tool.account.lost_um - own_um
+    )
+    return PreparedJob(job, tool, _places(job, radius_um), others)
 
 
-def forewarned(plan: Plan, name: RunName, identity: ToolIdentity) -> list[Diagnostic]:
+def forewarned(plan: Plan, folder: Path, identity: ToolIdentity) -> list[Diagnostic]:
     """Return the ledger's warnings for a dry run. Raises as the job would."""
-    ledger = Ledger.open(name.path.parent)
-    return prepared_job(plan, identity, None, ledger).refuse(plan, ledger.path.parent)
+    return prepared_job(plan, identity, None, Ledger.open(folder)).refuse()
 
 
 def _places(job: Job, radius_um: float) -> tuple[Place, ...]:

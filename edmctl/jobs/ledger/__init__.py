@@ -1,1 +1,0 @@
-"""The job ledger around a job: tool, holes and homes of earlier jobs."""
