@@ -899,8 +899,10 @@ def record_file_unreadable(*, path: object, why: object, remedy: object) -> Reco
     return RecordError(f"Cannot read the record {path}: {why}.", hint=f"{remedy}", code="E3601")
 
 
-def table_malformed(*, name: object, what: object, remedy: object) -> RecordError:
-    return RecordError(f"{name} {what}.", hint=f"{remedy}", code="E3602")
+def table_malformed(*, name: object) -> RecordError:
+    return RecordError(
+        f"{name} is neither UTF-8 text nor HDF5.", hint="Save or export it as CSV in UTF-8.", code="E3602"
+    )
 
 
 def table_unreadable(*, path: object, reason: object) -> RecordError:
@@ -2678,7 +2680,7 @@ def run_file_in_use(*, path: object, reason: object) -> RunFileError:
 
 def not_a_bench(*, path: object) -> RunFileError:
     return RunFileError(
-        f"{path} is HDF5, but not the file of a bench.",
+        f"{path} is not the file of a bench.",
         hint="Give the file of a bench, or a name that is free for a new one.",
         code="E9020",
     )

@@ -1,8 +1,8 @@
-"""The file of a persistent bench: nested names with arrays, numbers and texts, as HDF5.
+"""The file of a persistent bench: nested names with arrays, numbers and texts.
 
-The dataset `state` is JSON text with names, numbers and texts; each array in it is a place in the dataset `arrays`.
-Hundreds of datasets, written every few seconds of the bench's time, would cost more than the machining. A hash over
-both detects damage. The file is replaced at once; while a program uses it, a lock beside it keeps others away.
+A line with the version, one with a hash over the rest, one with the length of the JSON text that follows, and then
+the arrays, of which the text has type, shape and first byte. The file is replaced at once; while a program uses it,
+a lock beside it keeps others away.
 """
 
 from __future__ import annotations
@@ -15,27 +15,20 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from edmctl import failures
 from edmctl.errors import RunFileError
-from edmctl.files import lock_holder, open_descriptor, open_regular, refuse_locked, replace_file
+from edmctl.files import lock_holder, open_descriptor, read_bytes, replace_file
 from edmctl.record import locks
-from edmctl.record.disk import HDF5_ERRORS, reason
-from edmctl.record.opening import MAGIC, image_of, open_hdf5, refuse_endless
-
-if TYPE_CHECKING:
-    import h5py
 
 State = Mapping[str, object]
 
-KIND = "edmctl-bench"
-SCHEMA = 6
-_HASH = "sha256"
-_OTHER_PARTS = (json.JSONDecodeError, KeyError, TypeError, AttributeError, MemoryError, RecursionError)
-"""What comes of parts that are missing, of another kind or of absurd size."""
+KIND = b"edmctl-bench"
+SCHEMA = 7
+MOST_BYTES = 1_000_000_000
 _ARRAY = "array"
 """The one name in the place of an array: its type, shape and first byte."""
 
@@ -65,7 +58,8 @@ def _lock_of(path: Path) -> Path:
             raise IsADirectoryError(errno.EISDIR, "it is a folder")
         return target.with_name(f".{target.name}.lock")
     except (OSError, RuntimeError, ValueError) as refused:  # a loop of links, a null byte
-        raise _unreadable(path, getattr(refused, "strerror", None) or str(refused)) from None
+        why = getattr(refused, "strerror", None) or str(refused)
+        raise failures.bench_unreadable(path=path, why=why) from None
 
 
 def _take_lock(lock: Path, held: ExitStack) -> None:
@@ -97,35 +91,24 @@ def refuse_place(path: Path) -> None:
 def read_bench(path: Path) -> State:
     """Return the state in the file at `path`.
 
-    Raises RunFileError: E9020 it is no bench or damaged, E9021 or E9022 another version wrote it, E9023 another
-    program has it open.
+    Raises RunFileError: E9020 it is no bench or damaged, E9021 or E9022 another version wrote it.
     """
     try:
-        # A pipe would keep HDF5 waiting for ever, and opening may change a device.
-        with open_regular(path) as regular:
-            if regular.read(len(MAGIC)) != MAGIC:
-                raise _unreadable(path, "it is not an HDF5 file")
-        refuse_locked(path)
-    except BlockingIOError as busy:
-        raise failures.bench_in_use(path=path, holder=busy.strerror) from None
+        content = read_bytes(path, MOST_BYTES)
     except OSError as refused:
-        raise _unreadable(path, refused.strerror or str(refused)) from refused
-    try:
-        with open_hdf5(path) as file:
-            kind, schema = file.attrs.get("kind"), file.attrs.get("schema")
-            if not (isinstance(kind, str) and kind == KIND and isinstance(schema, np.integer)):
-                raise failures.not_a_bench(path=path)
-            if schema > SCHEMA:
-                raise failures.bench_of_later_version(path=path, schema=int(schema), own_schema=SCHEMA)
-            if schema < SCHEMA:
-                raise failures.bench_of_earlier_version(path=path)
-            text, arrays = _bytes(file["state"]), _bytes(file["arrays"])
-            if file.attrs[_HASH] != _hash_of(text, arrays):
-                raise ValueError("its content does not fit its check sum")
-    except _OTHER_PARTS as error:
-        raise _unreadable(path, "its parts are not those of a bench") from error
-    except HDF5_ERRORS as error:
-        raise _unreadable(path, reason(error)) from error
+        raise failures.bench_unreadable(path=path, why=refused.strerror or refused) from refused
+    kind, _, version = content.partition(b"\n")[0].partition(b" ")
+    if kind != KIND or not version.isdigit():
+        raise failures.not_a_bench(path=path)
+    if int(version) > SCHEMA:
+        raise failures.bench_of_later_version(path=path, schema=int(version), own_schema=SCHEMA)
+    if int(version) < SCHEMA:
+        raise failures.bench_of_earlier_version(path=path)
+    _, digest, sealed = (*content.split(b"\n", 2), b"", b"")[:3]
+    if digest.decode(errors="replace") != hashlib.sha256(sealed).hexdigest():
+        raise failures.bench_unreadable(path=path, why="its content does not fit its check sum")
+    length, _, rest = sealed.partition(b"\n")
+    text, arrays = rest[: int(length)], rest[int(length) :]
 
     def array(value: dict[str, Any]) -> Any:
         if value.keys() != {_ARRAY}:
@@ -133,10 +116,7 @@ def read_bench(path: Path) -> State:
         kind, shape, first = value[_ARRAY]
         return np.frombuffer(arrays, kind, math.prod(shape), first).reshape(shape).copy()
 
-    try:
-        state: State = json.loads(text, object_hook=array)
-    except (*_OTHER_PARTS, ValueError) as error:
-        raise _unreadable(path, "its parts are not those of a bench") from error
+    state: State = json.loads(text, object_hook=array)
     return state
 
 
@@ -163,30 +143,12 @@ def write_bench(path: Path, state: State, *, is_own: bool = False) -> None:
         return {_ARRAY: [value.dtype.str, value.shape, first]}
 
     text = json.dumps(dict(state), default=place).encode()
-    arrays = b"".join(blocks)
-
-    def fill(file: h5py.File) -> None:
-        file.attrs.update({"kind": KIND, "schema": SCHEMA, _HASH: _hash_of(text, arrays)})
-        file["state"] = np.frombuffer(text, np.uint8)
-        file["arrays"] = np.frombuffer(arrays, np.uint8)
-
+    sealed = b"%d\n%b%b" % (len(text), text, b"".join(blocks))
+    digest = hashlib.sha256(sealed).hexdigest().encode()
     try:
-        replace_file(target, image_of(fill))
+        replace_file(target, b"%b %d\n%b\n%b" % (KIND, SCHEMA, digest, sealed))
     except OSError as refused:
         raise _unwritable(path, refused) from refused
-
-
-def _bytes(dataset: h5py.Dataset) -> bytes:
-    refuse_endless(dataset.id)
-    return bytes(dataset[()].tobytes())
-
-
-def _hash_of(text: bytes, arrays: bytes) -> str:
-    return hashlib.sha256(text + b"\0" + arrays).hexdigest()
-
-
-def _unreadable(path: Path, why: str) -> RunFileError:
-    return failures.bench_unreadable(path=path, why=why)
 
 
 def _unwritable(path: Path, refused: OSError) -> RunFileError:

@@ -16,7 +16,6 @@ from edmctl.csv_text import header_line, row_lines
 from edmctl.errors import RunFileError
 from edmctl.files import RECORD_BYTES, open_regular, read_bytes, refuse_locked
 from edmctl.record import disk, layout
-from edmctl.record.bench_file import KIND
 from edmctl.record.delimited import Table, find_columns, text_of
 from edmctl.record.opening import MAGIC, image_of, open_hdf5, refuse_endless
 from edmctl.record.reader import open_run
@@ -121,14 +120,11 @@ def _read_hdf5(path: Path, needed: Sequence[str]) -> dict[str, Array]:
 
 
 def _refuse_own(path: Path, refused: Exception) -> None:
-    """Raise RecordError E3606 for a file of edmctl that holds no readable record."""
+    """Raise RecordError E3606 for a run file that holds no readable record."""
     with open_regular(path) as file:
-        begin = file.read(_BEGIN_BYTES)
-    if KIND.encode() in begin:
-        message, hint = f"{path} is a virtual machine that is kept, no record.", "Give one of its run files."
-    elif layout.SCHEMA.partition("/")[0].encode() + b"/" not in begin:
-        return
-    elif isinstance(refused, RunFileError):
+        if layout.SCHEMA.partition("/")[0].encode() + b"/" not in file.read(_BEGIN_BYTES):
+            return
+    if isinstance(refused, RunFileError):
         message, hint = refused.message, refused.hint
     else:
         message = f"{path} is a run file whose servo signals cannot be read: {disk.reason(refused)}."

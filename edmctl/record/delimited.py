@@ -30,14 +30,6 @@ MOST_PREAMBLE = 1000
 """Lines that are searched for a header."""
 LONGEST_LINE = 100_000
 _UNIT = re.compile(r"[(\[]?(?:[numkµμ]?(?:s|sec|v|volts?|a|m|hz)|[-1%])[)\]]?", re.IGNORECASE)
-_OTHER_FILES = {
-    b'schema = "edmctl-calibration': ("is a calibration", "Give it with --calibration."),
-    b'schema = "edmctl-drift': ("is a drift file", "Name it in the setup (drift.file)."),
-    b'{"v":': ("is a ledger or journal of edmctl", "Give the run file beside it (.h5)."),
-    b"\xff\xfe": ("is text in UTF-16", "Save it as CSV in UTF-8."),
-    b"\xfe\xff": ("is text in UTF-16", "Save it as CSV in UTF-8."),
-}
-"""First bytes of files that are no table, what they are, and the hint."""
 
 
 def find_columns(names: Sequence[str], wanted: Sequence[str]) -> dict[str, int]:
@@ -57,12 +49,8 @@ def read_table(path: Path, wanted: Sequence[str]) -> Table:
 
 def text_of(content: bytes, name: str) -> str:
     """Return the text of a file with line feeds alone. Raises RecordError E3602 for a file that is no table."""
-    begin = content[:4096].lstrip()
-    what, hint = next((_OTHER_FILES[one] for one in _OTHER_FILES if begin.startswith(one)), ("", ""))
-    if not what and b"\0" in begin:
-        what, hint = "is neither text nor HDF5", "Export a spreadsheet as CSV."
-    if what:
-        raise failures.table_malformed(name=name, what=what, remedy=hint)
+    if b"\0" in content[:4096]:
+        raise failures.table_malformed(name=name)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:

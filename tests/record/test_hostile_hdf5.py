@@ -17,7 +17,6 @@ from edmctl.errors import EdmError, RunFileError
 from edmctl.jobs.runs.opening import recover_file
 from edmctl.jobs.runs.summary import summary_of
 from edmctl.record import layout
-from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.columns import read_record
 from edmctl.record.opening import verify_checksum
 from edmctl.record.reader import open_run, reading
@@ -120,21 +119,13 @@ def _all_of(run: Any) -> None:
 
 
 @pytest.mark.parametrize("spoil", KINDS)
-def test_a_bench_or_record_of_that_kind_is_refused(
-    tmp_path: Path, spoil: Callable[[h5py.File, str], None]
-) -> None:
-    bench, record = tmp_path / "bench.edm", tmp_path / "record.h5"
-    write_bench(bench, {"one": np.zeros(5)})
+def test_a_record_of_that_kind_is_refused(tmp_path: Path, spoil: Callable[[h5py.File, str], None]) -> None:
+    record = tmp_path / "record.h5"
     with h5py.File(record, "w") as file:
         for name in ("t_s", "u_V", "y_um"):
             file[name] = np.arange(10.0)
-    for path, part, read, code in (
-        (bench, "arrays", read_bench, "E9020"),
-        (record, "u_V", read_record, "E3606"),
-    ):
-        with h5py.File(path, "r+") as file:
-            spoil(file, part)
-        assert code_of(partial(read, path)) == code
+        spoil(file, "u_V")
+    assert code_of(partial(read_record, record)) == "E3606"
 
 
 def in_use(call: Callable[[], Any]) -> str:
@@ -171,14 +162,6 @@ def test_a_file_of_holes_is_not_read_to_its_end(run_path: Path) -> None:
         with pytest.raises(RunFileError, match="almost nothing was written") as error:
             read(run_path)
         assert error.value.code == "E9005"
-
-
-def test_a_bench_in_use_is_not_called_damaged(tmp_path: Path) -> None:
-    path = tmp_path / "bench.edm"
-    write_bench(path, {"one": 1})
-    with h5py.File(path, "r+"):
-        assert in_use(lambda: read_bench(path)) == "E9023"
-    assert read_bench(path) == {"one": 1}
 
 
 def test_readers_do_not_keep_each_other_out(run_path: Path) -> None:
