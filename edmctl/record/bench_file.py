@@ -89,10 +89,7 @@ def refuse_place(path: Path) -> None:
 
 
 def read_bench(path: Path) -> State:
-    """Return the state in the file at `path`.
-
-    Raises RunFileError: E9020 it is no bench or damaged, E9021 or E9022 another version wrote it.
-    """
+    """Return the state in a file. Raises RunFileError: E9020 no bench or damaged, E9021 or E9022 another version."""
     try:
         content = read_bytes(path, MOST_BYTES)
     except OSError as refused:

@@ -78,11 +78,7 @@ def sync_if_possible(*paths: Path) -> None:
 
 
 def close_without_writing(file: h5py.File) -> None:
-    """Close `file` and leave it on disk as it is.
-
-    HDF5 would try to write its caches again, fail again, and crash the interpreter. With its descriptor
-    pointed to the null device the attempt succeeds, and the file keeps what the last flush put there.
-    """
+    """Close `file` as it is on disk: HDF5 writes its caches to the null device, instead of failing and crashing."""
     with contextlib.suppress(*HDF5_ERRORS):
         null = os.open(os.devnull, os.O_RDWR)
         os.dup2(null, file.id.get_vfd_handle())

@@ -172,11 +172,7 @@ def remove_journal(path: Path) -> None:
 
 
 def read_journal(path: Path) -> Journal:
-    """Return the content of the journal at `path`.
-
-    Raises FileNotFoundError, RunFileError E9041 if it cannot be read, PreconditionError E8052 if it is damaged or a
-    later version wrote it.
-    """
+    """Return a journal. Raises FileNotFoundError, RunFileError E9041, PreconditionError E8052 if it is damaged."""
     try:
         data = read_bytes(path)
     except FileNotFoundError:

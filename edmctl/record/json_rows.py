@@ -35,10 +35,7 @@ _hints: Callable[[Any], dict[str, Any]] = cache(get_type_hints)
 
 
 def record_of(kind: type[T], values: Mapping[str, Any]) -> T:
-    """Return the record whose fields are kept as plain values, as JSON has them: None for a float is NaN.
-
-    Raises TypeError or ValueError if the values do not fit such a record.
-    """
+    """Return a record from plain values; None for a float is NaN. Raises TypeError or ValueError for others."""
     hints = _hints(kind)
     if unknown := values.keys() - hints.keys():
         raise TypeError(f"{kind.__name__} has no {', '.join(sorted(map(str, unknown)))}")
@@ -92,10 +89,7 @@ class RowWriter:
         self._newest = ""
 
     def append(self, kind: str, values: Mapping[str, Any]) -> None:
-        """Append one row, and return when the disk has it.
-
-        Its time is later than that of every earlier row, also if a clock was put back.
-        """
+        """Append one row and sync it. Its time is later than those before, also if a clock was put back."""
         try:
             if self._descriptor is None:
                 self._newest = max((when for when, *_ in _dated(self._folder)[0]), default="")

@@ -27,20 +27,8 @@ from h5py import h5a, h5d, h5ds, h5g, h5p, h5s, h5t
 from numpy.typing import NDArray
 
 from edmctl.dataclasses import dataclass, fields
-from edmctl.record.rows import (
-    EventLevel,
-    EventRow,
-    Leaf,
-    LinkRow,
-    RejectedTouch,
-    Row,
-    RunMeta,
-    Segment,
-    ServoBlock,
-    SlowRow,
-    TouchRow,
-    unit_of,
-)
+from edmctl.record import rows as kinds
+from edmctl.record.rows import EventRow, Leaf, Row, RunMeta, Segment, ServoBlock, SlowRow, TouchRow
 from edmctl.results.declared import PURE, TEXT, stored_columns
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
@@ -114,17 +102,6 @@ class Table:
     def row_type(self) -> np.dtype[np.void]:
         """Type of a row of a compound table."""
         return np.dtype([(column.name, stored_type(column.dtype)) for column in self.columns])
-
-
-@dataclass(frozen=True, slots=True)
-class Grid:
-    """A map: an NXdata of one dataset with two dimensions, over an axis for rows and columns, in square chunks."""
-
-    path: str
-    chunk: int
-    note: str
-    signal: Column
-    axes: tuple[Column, Column]
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,7 +236,7 @@ WAVEFORMS = Table(
 LINK = Table(
     "/entry/link", "NXdata", 256,
     "the line between host and controller, every ten seconds; counts since it was opened",
-    _columns_of(LinkRow), signal="rtt_p50", auxiliary=("rtt_p99",),
+    _columns_of(kinds.LinkRow), signal="rtt_p50", auxiliary=("rtt_p99",),
 )  # fmt: skip
 
 TABLE_OF: Mapping[type, Table] = {
@@ -273,18 +250,23 @@ TABLE_OF: Mapping[type, Table] = {
     SiteResult: RESULTS,
     TelemetryBlock: BLACK_BOX,
     WaveformBatch: WAVEFORMS,
-    LinkRow: LINK,
+    kinds.LinkRow: LINK,
 }
 """The table that rows of a type go to."""
 TABLES = tuple(TABLE_OF.values())
 
-TRUTH = Grid(
-    "/entry/truth", 128,
+TRUTH = Table(
+    "/entry/truth", "NXdata", 128,
     "the floor of a channel as the virtual machine knows it: centres of cells of the smallest rectangle with all "
     "that was cut; empty for holes, and for every other machine",
-    Column("depth", "depth_um", "f4", "um", "true depth below the face"),
-    (Column("y", "y_um", "f8", "um", "y of a row"), Column("x", "x_um", "f8", "um", "x of a column")),
+    (
+        Column("depth", "depth_um", "f4", "um", "true depth below the face"),
+        Column("y", "y_um", "f8", "um", "y of a row"),
+        Column("x", "x_um", "f8", "um", "x of a column"),
+    ),
+    signal="depth",
 )  # fmt: skip
+"""A map: one dataset with two dimensions in square chunks, over an axis for rows and one for columns."""
 
 DEFAULT_PLOT = "/entry/data"
 DEFAULT_SIGNAL, DEFAULT_AXIS, DEFAULT_AUXILIARY = "z_sensor", "time", ("z_model",)
@@ -294,8 +276,8 @@ def is_urgent(row: Row) -> bool:
     """Whether a row is flushed as soon as it is handed over: what a killed process must not lose."""
     table = TABLE_OF.get(type(row))
     if table is None:
-        return isinstance(row, RejectedTouch)
-    return row.level >= EventLevel.WARNING if isinstance(row, EventRow) else table.at_once
+        return isinstance(row, kinds.RejectedTouch)
+    return row.level >= kinds.EventLevel.WARNING if isinstance(row, EventRow) else table.at_once
 
 
 UNKNOWN = {"f8": np.nan, "i4": NO_EXIT_CODE, "i8": NO_SEED, "u1": 0, "text": "", "texts": (), "json": b""}
@@ -339,7 +321,7 @@ def initial_content(meta: RunMeta) -> Content:
     }
     profile = dict(meta.profile_leaves)
     for key, value in meta.profile_leaves.items():
-        if not isinstance(value, bool | str) and (unit := unit_of(key)) != PURE:
+        if not isinstance(value, bool | str) and (unit := kinds.unit_of(key)) != PURE:
             profile[f"{key}_units"] = unit
     return Content(values, profile)
 
@@ -426,24 +408,24 @@ def _create_truth(file: h5py.File, values: Mapping[str, Any]) -> None:
     """Create the map of a channel's floor and its axes: with their arrays if they are known, else growing."""
     group = h5g.create(file.id, TRUTH.path.encode())
     made: list[h5d.DatasetID] = []
-    for column, dimensions in ((TRUTH.signal, 2), *((axis, 1) for axis in TRUTH.axes)):
+    for column, dimensions in zip(TRUTH.columns, (2, 1, 1), strict=True):
         array = values.get(f"{TRUTH.path}/{column.name}")
         if array is not None:
             dataset = _create_array(group, column.name, np.array(array, column.dtype))
         else:
             chunked = h5p.create(h5p.DATASET_CREATE)
-            chunked.set_chunk((TRUTH.chunk,) * dimensions)
+            chunked.set_chunk((TRUTH.chunk_rows,) * dimensions)
             empty = h5s.create_simple((0,) * dimensions, (_UNLIMITED,) * dimensions)
             kind = _type_of(np.dtype(column.dtype))
             dataset = h5d.create(group, column.name.encode(), kind, empty, chunked)
         _describe(dataset, column)
         made.append(dataset)
     signal, *axes = made
-    for dimension, (axis, column) in enumerate(zip(axes, TRUTH.axes, strict=True)):
-        h5ds.set_scale(axis, column.name.encode())
+    names = [column.name for column in TRUTH.columns[1:]]
+    for dimension, (axis, name) in enumerate(zip(axes, names, strict=True)):
+        h5ds.set_scale(axis, name.encode())
         h5ds.attach_scale(signal, axis, dimension)
-    names = [axis.name for axis in TRUTH.axes]
-    _put_attributes(group, {"NX_class": "NXdata", "axes": names, "signal": TRUTH.signal.name})
+    _put_attributes(group, {"NX_class": "NXdata", "axes": names, "signal": TRUTH.signal})
 
 
 def _make_plottable(group: h5g.GroupID, signal: str, axis: str, auxiliary: Sequence[str]) -> None:
@@ -496,10 +478,7 @@ def _describe(dataset: h5d.DatasetID, item: Scalar | Column) -> None:
 def _put_attributes(
     target: h5g.GroupID | h5d.DatasetID, attributes: Mapping[str, str | Sequence[str] | float | bool]
 ) -> None:
-    """Write numbers, texts, and lists of texts; these of variable length.
-
-    Of a text of fixed length h5py and silx would make bytes, and show them as such.
-    """
+    """Write numbers, and texts of variable length: those of fixed length would be read as bytes by h5py and silx."""
     for name, value in attributes.items():
         is_number = isinstance(value, int | float)
         values = np.array(value) if is_number else np.array(value, _TEXT)

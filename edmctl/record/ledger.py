@@ -171,10 +171,7 @@ class Line:
 
 
 def line_of(row: bytes, path: Path, number: int) -> Line:
-    """Read one line.
-
-    Raises RunFileError E9032 if a later version wrote it; ValueError, TypeError or KeyError if it is damaged.
-    """
+    """Read one line. Raises RunFileError E9032 for a later version; ValueError, TypeError, KeyError if damaged."""
     values = json_of(row)
     if not isinstance(values, dict):
         raise TypeError("it is no object")
@@ -243,10 +240,7 @@ class Ledger:
         return cls(path, tuple(_lines(path, data)))
 
     def append(self, serial: str, *entries: Entry, bench_s: float = math.nan) -> None:
-        """Add entries of a machine; they are on the disk when the call returns. `bench_s` as in `Line`.
-
-        Raises RunFileError E9033 where that is not possible.
-        """
+        """Add entries; they are on the disk when the call returns. Raises RunFileError E9033 if that fails."""
         if not entries:
             return
         new = tuple(Line(serial, time.time(), entry, bench_s) for entry in entries)
@@ -360,10 +354,7 @@ class MachineHistory:
 
 
 def history_of(lines: Iterable[Line], serial: str) -> MachineHistory:
-    """Replay the lines of the machine with that serial number.
-
-    Places of a job whose end was never written count as holes of unknown depth.
-    """
+    """Replay the lines of a machine. Places of a job without an end count as holes of unknown depth."""
     history, open_jobs = MachineHistory(), dict[str, JobBegun]()
     for line in lines:
         if line.serial != serial:
@@ -424,10 +415,7 @@ def _take_reference(history: MachineHistory, entry: ReferenceTouched, line: Line
 
 
 def _take_site(history: MachineHistory, entry: SiteMachined) -> None:
-    """Add a hole; one that was resumed replaces its first part and its wear.
-
-    A resumed job writes again what it had measured before; that changes nothing of the tool.
-    """
+    """Add a hole; a resumed one replaces its first part and wear, an unchanged one is no news of the tool."""
 
     def outcome(hole: SiteMachined) -> tuple[str, float, float]:
         return hole.status, _known(hole.depth_um), _known(hole.wear_um)

@@ -69,10 +69,7 @@ def _takes_lock(descriptor: int) -> bool:
 
 @contextmanager
 def exclusive(descriptor: int) -> Iterator[None]:
-    """Lock an open file for a `with` block, if its disk knows locks.
-
-    Raises BlockingIOError if another program has it, OSError if it cannot be locked for another reason.
-    """
+    """Lock an open file, if its disk knows locks. Raises OSError, BlockingIOError if another program has it."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
@@ -146,10 +143,7 @@ def is_live(path: Path) -> bool:
 
 
 def _lock_record(descriptor: int, *, exclusive: bool) -> None:
-    """Lock one byte. Raises OSError when another has it.
-
-    Linux can lock the open file. A lock of the process would end when anything in the process closes the file.
-    """
+    """Lock one byte. A lock of the process, as outside Linux, ends when it closes the file anywhere."""
     open_file_lock = getattr(fcntl, "F_OFD_SETLK", None)
     if open_file_lock is None or struct.calcsize("P") != 8:
         kind = fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH

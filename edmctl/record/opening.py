@@ -29,7 +29,6 @@ from h5py import h5d, h5f, h5i, h5l, h5p, h5s
 from numpy.typing import NDArray
 
 from edmctl import failures
-from edmctl.dataclasses import dataclass
 from edmctl.files import open_regular, refuse_locked
 from edmctl.record import layout, locks
 from edmctl.record.disk import HDF5_ERRORS, PARTIAL
@@ -61,22 +60,14 @@ ATTEMPTS = 24
 """They take 2^24 ns = 17 ms together; a writer is done with a piece in a fraction of that."""
 
 
-@dataclass(frozen=True, slots=True)
-class Superblock:
-    """The length of the data, None where it is not given, and whether a writer has not closed the file."""
-
-    end_bytes: int | None
-    open_for_writing: bool
-
-
-def read_superblock(path: Path) -> Superblock:
-    """Read the superblock at the beginning of the file. Raises OSError."""
+def read_superblock(path: Path) -> tuple[int | None, bool]:
+    """Return the length of the data, if it is given, and whether a writer has not closed them. Raises OSError."""
     with open_regular(path) as file:
         head = file.read(_READ_BYTES)
     version = head[_VERSION] if len(head) > _FLAGS else -1
     offset = _END_ADDRESS.get(version, _READ_BYTES)
     end_bytes = struct.unpack_from("<Q", head, offset)[0] if offset + 8 <= len(head) else None
-    return Superblock(end_bytes, version == 3 and head[_FLAGS] != 0)
+    return end_bytes, version == 3 and head[_FLAGS] != 0
 
 
 def append_checksum(path: Path) -> None:
@@ -158,10 +149,7 @@ def _last_object(content: mmap.mmap, begin: int) -> tuple[int, int]:
 
 
 def open_hdf5(path: Path, mode: str = "r", **how: object) -> h5py.File:
-    """Open the file at `path`; h5py gets `how`. Raises what h5py raises, and ValueError for a link to another file.
-
-    A call of h5py alone would fail on network disks without a lock service.
-    """
+    """Open an HDF5 file with the locks of its disk. Raises what h5py raises, ValueError for external links."""
     return _without_links(h5py.File(path, mode, locking=locks.of_hdf5(path), **how))
 
 
@@ -243,10 +231,7 @@ def plain(value: Any) -> Any:
 
 
 def image_of(fill: Callable[[h5py.File], None], **how: object) -> bytes:
-    """Return the bytes of a new file that `fill` has filled; `how` is passed on to h5py.
-
-    It is built in memory, because HDF5 does not survive a disk that fills up while it creates objects.
-    """
+    """Return the bytes of a file that `fill` fills in memory: HDF5 does not survive a disk that fills up."""
     # HDF5 distinguishes files by name, in memory as well: other threads have theirs open.
     name = f"image {get_ident()}"
     with h5py.File(name, "w", driver="core", backing_store=False, **how) as file:
@@ -270,10 +255,9 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
             problem = "its texts cannot be read"
         if problem:
             raise failures.run_file_damaged(path=path, why=problem)
-        superblock, size_bytes = read_superblock(path), path.stat().st_size
+        (end_bytes, is_open), size_bytes = read_superblock(path), path.stat().st_size
     except OSError as error:
         raise failures.run_file_unreadable(path=path, reason=error.strerror) from error
-    end_bytes = superblock.end_bytes
     try:
         file = open_unjudged(path)
     except HDF5_ERRORS as error:
@@ -284,7 +268,7 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
     try:
         refuse_foreign(path, file)
         # Behind the data of a closed file there is nothing but its seal.
-        if verify and fits is None and not superblock.open_for_writing and size_bytes != end_bytes:
+        if verify and fits is None and not is_open and size_bytes != end_bytes:
             raise failures.run_file_damaged(path=path, why="its check sum is not whole")
     except BaseException:
         file.close()
@@ -296,7 +280,7 @@ def open_unjudged(path: Path) -> h5py.File:
     """Open the run file at `path`, live or not, without a look at what it holds. Raises what h5py raises."""
     # A live or killed writer leaves the file marked as open; SWMR readers are made for that. They do not see that
     # a file was cut short, so all others must do without.
-    return open_swmr(path) if read_superblock(path).open_for_writing else open_hdf5(path)
+    return open_swmr(path) if read_superblock(path)[1] else open_hdf5(path)
 
 
 def refuse_unreadable(path: Path) -> None:

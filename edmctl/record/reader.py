@@ -35,11 +35,7 @@ BLOCK_ROWS = 1 << 18
 
 
 class RunFile:
-    """An open run file. Use it as a context manager.
-
-    Values are in the unit without a step: a column in `0.1 us` is read in µs. Tables that older files do not have
-    are empty.
-    """
+    """An open run file, a context manager. Values are without a step: a column in `0.1 us` is read in µs."""
 
     def __init__(self, file: h5py.File, path: Path) -> None:
         self._file = file
@@ -124,10 +120,7 @@ class RunFile:
             yield {name: self.column(path, name, start, start + rows) for name in names}
 
     def table(self, path: str, start: int = 0) -> NDArray[np.void]:
-        """Return a compound table of the layout from row `start` on, for instance `/entry/touches`.
-
-        Texts are UTF-8 bytes. Raises RunFileError E9015.
-        """
+        """Return a compound table from row `start` on, with texts as UTF-8 bytes. Raises RunFileError E9015."""
         self._refuse_closed()
         if path not in self._file or not isinstance(self._file[path], h5py.Dataset):
             if path in TABLES and TABLES[path].nx_class:
@@ -138,10 +131,7 @@ class RunFile:
         return rows
 
     def fields(self, path: str, numbers: Sequence[str], words: Sequence[str] = ()) -> NDArray[np.void]:
-        """Return some fields of a compound table: numbers, and words as bytes.
-
-        A field that an older file does not have is 0, or empty.
-        """
+        """Return fields of a compound table: numbers, and words as bytes; 0 or empty if an older file lacks them."""
         dataset = self._dataset(path).id
         fields: NDArray[np.void] = np.zeros(
             dataset.shape, [*((name, "f8") for name in numbers), *((name, _WORD) for name in words)]
@@ -183,11 +173,10 @@ class RunFile:
 
     def truth_map(self) -> TruthMap | None:
         """Return the true floor of a channel; None if the run has none, as on every real machine."""
-        grid = layout.TRUTH
-        if grid.path not in self._file:
+        if layout.TRUTH.path not in self._file:
             return None
-        y_um, x_um = (self._dataset(f"{grid.path}/{axis.name}")[:] for axis in grid.axes)
-        depth_um = self._dataset(f"{grid.path}/{grid.signal.name}")[:].astype(np.float64)
+        depth_um, y_um, x_um = (self._dataset(path)[:] for path in layout.TRUTH.datasets)
+        depth_um = depth_um.astype(np.float64)
         if min(depth_um.shape) < 2 or depth_um.shape != (len(y_um), len(x_um)):
             return None
         return TruthMap(x_um, y_um, depth_um)

@@ -92,9 +92,8 @@ class Source:
     def content(self) -> Content:
         """Return all but the rows."""
         values = {scalar.path: self._scalar(scalar) for scalar in layout.SCALARS}
-        for column in (layout.TRUTH.signal, *layout.TRUTH.axes):
+        for path in layout.TRUTH.datasets:
             with suppress(*self._ignored):
-                path = f"{layout.TRUTH.path}/{column.name}"
                 values[path] = read_value(self._file, path)
         profile = {}
         with suppress(*self._ignored):
@@ -147,10 +146,7 @@ class Source:
         return rows
 
     def read(self, path: str, dataset: h5d.DatasetID, first: int, values: NDArray[Any]) -> None:
-        """Fill `values`, which are unknown, with rows from `first` on.
-
-        A damaged dataset is read chunk by chunk, and rows that cannot be read are counted.
-        """
+        """Fill `values`, which are unknown, with rows from `first` on; of a damaged dataset chunk by chunk."""
         present = min(len(values), max(0, dataset.shape[0] - first))
         step = _chunk_rows(dataset) if self._damaged else max(1, present)
         unread = len(values) - present
@@ -188,10 +184,7 @@ def unknown_rows(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
 
 
 def write_anew(source: Source, content: Content, target: Path) -> None:
-    """Write the new file `target`, which is safe on the disk when the call returns.
-
-    Raises what h5py raises; then there is no `target`.
-    """
+    """Write the new file `target`, and sync it. Raises what h5py raises; then there is no `target`."""
     try:
         with (
             opening.open_hdf5(target, "x", libver=("earliest", "v110")) as file,
@@ -238,10 +231,7 @@ def _filtered(values: NDArray[np.generic], chunk_rows: int) -> bytes:
 
 
 def close_run(partial: Path, path: Path) -> None:
-    """Make `path` of the complete and closed file `partial`; a file of that name is never replaced.
-
-    Raises RunFileError E9004 when the name is taken or cannot be given; then `partial` stays.
-    """
+    """Make `path` of the closed file `partial`. Raises RunFileError E9004 for a taken name; `partial` stays then."""
     closing = path.with_name(path.name + CLOSING)
     try:
         closing.unlink(missing_ok=True)
@@ -286,10 +276,7 @@ def recover(path: Path, target: Path | None = None) -> Recovered:
 
 
 def recover_damaged(path: Path, target: Path | None = None) -> Recovered:
-    """Write what can be read of the damaged file at `path` into a new one; the old one stays as it is.
-
-    Raises RunFileError: as `recover`, and E9007 where nothing can be read.
-    """
+    """Write what can be read of a damaged file into a new one. Raises as `recover`, E9007 if that is nothing."""
     target = _target(path, target)
     command = [sys.executable, "-m", "edmctl.record.recovery", str(path), str(target)]
     limit_s = _LEAST_S + path.stat().st_size / _BYTES_PER_S
@@ -328,10 +315,7 @@ def _temporary(target: Path, ending: str) -> Path:
 
 
 def _written(source: Source, content: Content, path: Path, target: Path) -> Recovered:
-    """Write the new file with its end, if the run had none, and give it its name.
-
-    Raises what h5py raises, and RunFileError E9001 when the name was taken meanwhile.
-    """
+    """Write the new file with an end and name it. Raises what h5py raises, RunFileError E9001 for a taken name."""
     values, new = content.values, _temporary(target, RECOVERING)
     now = datetime.now(UTC).isoformat(timespec="seconds")
     values["/entry/recovery"] = fit_utf8(f"from {path.name} by edmctl {__version__} at {now}", 160)
@@ -354,7 +338,7 @@ def _written(source: Source, content: Content, path: Path, target: Path) -> Reco
 def _recover_damaged_here(path: Path, target: Path) -> Recovered:
     copy = _temporary(target, ".copy")
     try:
-        end_bytes = opening.read_superblock(path).end_bytes or 0
+        end_bytes = opening.read_superblock(path)[0] or 0
         missing = end_bytes - path.stat().st_size if end_bytes <= _LONGEST_BYTES else 0
         is_copied = missing > 0 or bool(opening.heap_breaks(path))
         if is_copied:

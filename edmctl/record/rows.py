@@ -154,10 +154,7 @@ class SlowRow:
 
 @dataclass(frozen=True, slots=True)
 class TruthMap:
-    """The floor of a channel as the virtual machine knows it: depths, shape (m, n), over y (m,) and x (n,), µm.
-
-    It replaces an earlier one.
-    """
+    """The true floor of a channel: depths, shape (m, n), over y (m,) and x (n,), µm. It replaces an earlier one."""
 
     x_um: FloatArray
     y_um: FloatArray

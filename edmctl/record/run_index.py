@@ -42,6 +42,7 @@ _UNKNOWN: dict[str, Any] = {"f": math.nan, "u": 0, "S": ""}
 _LAST_ROWS = 100
 """An estimate is searched in so many last rows of the supervisor: the very last may have none."""
 _LENGTHS = ("depth", "depth_u95", "wear", "wear_u95")
+_TEXTS = ("run_id", "parent_run", "title", "start_time", "end_time")
 _WORDS = ("depth_basis", "wear_basis", "verdict")
 
 
@@ -118,10 +119,7 @@ def has_depth(event: RecordedEvent) -> bool:
 
 
 def heads_of(folder: Path) -> Iterator[RunHead | Unreadable]:
-    """Read the heads of the run files in `folder`, by name. The file of a killed run that was recovered is left out.
-
-    Raises RunFileError E9005 when the folder cannot be read.
-    """
+    """Read the heads of run files by name, except of recovered killed runs. Raises RunFileError E9005."""
     heads: list[RunHead | Unreadable] = []
     for path in run_files(folder):
         try:
@@ -179,15 +177,12 @@ def _head(run: RunFile) -> RunHead:
         values = {name: str(summary.get(name) or "") for name in values}
         values |= {f"{name}_um": plain_number(summary.get(f"{name}_um")) for name in _LENGTHS}
     estimated = estimated_depth(run)
+    texts: dict[str, Any] = {name: run.text(f"/entry/{name}") for name in _TEXTS}
     return RunHead(
         path=run.path,
         size_bytes=run.path.stat().st_size,
-        run_id=run.text("/entry/run_id"),
-        parent_run=run.text("/entry/parent_run"),
+        **texts,
         name=str(run.profile_value("meta.name") or run.path.stem),
-        title=run.text("/entry/title"),
-        start_time=run.text("/entry/start_time"),
-        end_time=run.text("/entry/end_time"),
         status=status_of(run),
         exit_code=None if exit_code == NO_EXIT_CODE else exit_code,
         error_code=error_code_of(run) if exit_code else "",

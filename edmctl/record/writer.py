@@ -134,13 +134,11 @@ def _stored(values: NDArray[Any], column: Column) -> NDArray[Any]:
 class RunWriter:
     """Recorder into one run file. Build it with `create`; end it with `finish`."""
 
-    def __init__(self, file: h5py.File, path: Path, partial: Path, monotonic_s: Callable[[], float]) -> None:
+    def __init__(self, file: h5py.File, path: Path, partial: Path) -> None:
         self._file = file
         self._path = path
         self._partial = partial
         self._lock = locks.hold(partial)
-        self._monotonic_s = monotonic_s
-        self._flush_due_s = monotonic_s() + FLUSH_INTERVAL_S
         self._failure: RunFileError | None = None
         self._accepts = True
         self._stores = {kind: _Store(file, table) for kind, table in layout.TABLE_OF.items()}
@@ -148,18 +146,10 @@ class RunWriter:
         self._wear_um = 0.0
 
     @classmethod
-    def create(
-        cls, path: Path, meta: RunMeta, monotonic_s: Callable[[], float] = time.monotonic
-    ) -> RunWriter:
-        """Create `path`.partial with the whole layout in it and switch it to SWMR.
-
-        Raises RunFileError: E9001 when the run exists already, E9002 when the file cannot be made.
-        """
-        partial, content, versions = (
-            disk.partial_path(path),
-            layout.initial_content(meta),
-            layout.LIBRARY_VERSIONS,
-        )
+    def create(cls, path: Path, meta: RunMeta) -> RunWriter:
+        """Create `path`.partial with its layout, in SWMR mode. Raises RunFileError E9001, E9002."""
+        partial, content = disk.partial_path(path), layout.initial_content(meta)
+        versions = layout.LIBRARY_VERSIONS
         try:
             disk.make_folder(path.parent)
             if os.path.lexists(path):
@@ -174,7 +164,7 @@ class RunWriter:
             file.swmr_mode = True
         except disk.HDF5_ERRORS as error:
             raise failures.run_file_not_created(path=path, why=disk.reason(error)) from error
-        return cls(file, path, partial, monotonic_s)
+        return cls(file, path, partial)
 
     @property
     def path(self) -> Path:
@@ -199,7 +189,7 @@ class RunWriter:
             self._wear_um += row.wear_um
             self._guarded(lambda: self._set("/entry/tool/length_wear_total", self._wear_um))
         store.add(_stored_event(row, store.rows) if isinstance(row, EventRow) else row)
-        if layout.is_urgent(row) or self._monotonic_s() >= self._flush_due_s:
+        if layout.is_urgent(row):
             self.flush()
         elif store.waiting >= store.limit:
             self._guarded(lambda: store.write(everything=False))
@@ -210,8 +200,8 @@ class RunWriter:
             self._guarded(lambda: self._reject_touch(row.time_s))
             return
         if isinstance(row, TruthMap):
-            columns = (layout.TRUTH.signal, *layout.TRUTH.axes)
-            arrays = {f"{layout.TRUTH.path}/{one.name}": getattr(row, one.field) for one in columns}
+            truth = layout.TRUTH
+            arrays = {f"{truth.path}/{one.name}": getattr(row, one.field) for one in truth.columns}
         else:
             assert isinstance(row, Summary)
             arrays = {"/entry/summary": np.frombuffer(row.json_text.encode(), np.uint8)}
@@ -274,7 +264,6 @@ class RunWriter:
         for store in self._stores.values():
             store.write(everything=True)
         self._file.flush()
-        self._flush_due_s = self._monotonic_s() + FLUSH_INTERVAL_S
 
     def _reject_touch(self, time_s: float) -> None:
         table = self._file[layout.TOUCHES.path]
@@ -300,7 +289,7 @@ class RunWriter:
         self._file.close()
         # What was reserved and not used is cut off the file, if it is still there.
         with contextlib.suppress(FileNotFoundError):
-            if (end_bytes := read_superblock(self._partial).end_bytes) is not None:
+            if (end_bytes := read_superblock(self._partial)[0]) is not None:
                 os.truncate(self._partial, end_bytes)
 
 
@@ -423,10 +412,7 @@ class BackgroundWriter:
         return self.path
 
     def abandon(self, status: str, exit_code: int) -> Path:
-        """End a run that did not reach its aim: as `finish`, but never raises a RunFileError.
-
-        Returns where the rows are: the final path, or the `.partial` file after a disk failure.
-        """
+        """As `finish`, for a run that did not reach its aim; raises no RunFileError. Returns where its rows are."""
         with contextlib.suppress(RunFileError):
             self.finish(status, exit_code)
         return self.path
@@ -444,9 +430,9 @@ class BackgroundWriter:
 
     def _write_until_the_end(self) -> None:
         unflushed = unsynced = False
-        sync_due_s = time.monotonic() + SYNC_INTERVAL_S
+        flushed_s = synced_s = time.monotonic()
         while True:
-            woken = self._wake.wait(FLUSH_INTERVAL_S)
+            self._wake.wait(FLUSH_INTERVAL_S)
             self._wake.clear()
             # Read first: what was handed over before the end is written before it.
             end = self._end
@@ -458,14 +444,14 @@ class BackgroundWriter:
                 path = self._writer.finish(*end)
                 disk.sync_if_possible(path, path.parent)
                 return
-            # While it is woken all the time, the writer flushes by its own clock.
-            if unflushed and not woken:
-                self._writer.flush()
-                unflushed = False
-            if unsynced and time.monotonic() >= sync_due_s:
+            now_s = time.monotonic()
+            if unsynced and now_s - synced_s >= SYNC_INTERVAL_S:
                 self._writer.sync()
                 unsynced = unflushed = False
-                sync_due_s = time.monotonic() + SYNC_INTERVAL_S
+                flushed_s = synced_s = now_s
+            elif unflushed and now_s - flushed_s >= FLUSH_INTERVAL_S:
+                self._writer.flush()
+                unflushed, flushed_s = False, now_s
 
     def _take_rows(self) -> None:
         for _ in range(len(self._rows)):

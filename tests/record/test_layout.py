@@ -27,8 +27,7 @@ def test_every_described_path_exists_and_nothing_else_does(run_path: Path) -> No
     described = {group.path for group in layout.GROUPS} | {scalar.path for scalar in layout.SCALARS}
     described |= {table.path for table in layout.TABLES} | {layout.TRUTH.path}
     described |= {path for table in layout.TABLES for path in table.datasets}
-    columns = (layout.TRUTH.signal, *layout.TRUTH.axes)
-    described |= {f"{layout.TRUTH.path}/{column.name}" for column in columns}
+    described |= set(layout.TRUTH.datasets)
     plotted = (layout.DEFAULT_AXIS, layout.DEFAULT_SIGNAL, *layout.DEFAULT_AUXILIARY)
     described |= {f"{layout.DEFAULT_PLOT}/{name}" for name in plotted}
     found: set[str] = set()

@@ -20,7 +20,7 @@ from edmctl.record.rows import (
     Summary,
     TruthMap,
 )
-from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
+from edmctl.record.writer import RunWriter
 from tests.record.samples import a_site_row, a_touch, fill, finished, servo_block, slow_row, train
 from tests.tiers import tiers
 
@@ -30,23 +30,9 @@ if TYPE_CHECKING:
     from edmctl.record.rows import Row, RunMeta
 
 
-class Clock:
-    def __init__(self) -> None:
-        self.now_s = 0.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-
 @pytest.fixture
-def clock() -> Clock:
-    return Clock()
-
-
-@pytest.fixture
-def writer(tmp_path: Path, meta: RunMeta, clock: Clock) -> RunWriter:
-    """A writer whose flush is not due."""
-    return RunWriter.create(tmp_path / "run.h5", meta, clock)
+def writer(tmp_path: Path, meta: RunMeta) -> RunWriter:
+    return RunWriter.create(tmp_path / "run.h5", meta)
 
 
 def test_rows_come_back_as_they_went_in(run_path: Path) -> None:
@@ -97,18 +83,6 @@ def test_only_whole_chunks_are_written_before_a_flush_is_due(writer: RunWriter) 
     writer.flush()
     assert stored("/entry/servo/time") == 9 * servo_chunk + 5
     assert stored("/entry/slow/time") == 4 * slow_chunk + 3
-    writer.finish("done", 0)
-
-
-def test_rows_reach_the_disk_when_the_flush_is_due(writer: RunWriter, clock: Clock) -> None:
-    assert FLUSH_INTERVAL_S <= 0.5
-    writer.append(servo_block(0, 10))
-    with open_run(writer.path) as run:
-        assert run.rows("/entry/servo") == 0
-    clock.now_s += FLUSH_INTERVAL_S
-    writer.append(servo_block(10, 10))
-    with open_run(writer.path) as run:
-        assert run.rows("/entry/servo") == 20
     writer.finish("done", 0)
 
 

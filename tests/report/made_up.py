@@ -44,7 +44,7 @@ def new_run(
 ) -> RunWriter:
     """Create a run file of `PROFILE`, with tables of `profile` in the place of its own."""
     leaves = profile_leaves({**PROFILE, **(profile or {})})
-    return RunWriter.create(folder / name, replace(a_meta(), profile_leaves=leaves), monotonic_s=lambda: 0.0)
+    return RunWriter.create(folder / name, replace(a_meta(), profile_leaves=leaves))
 
 
 def cut(writer: RunWriter, start_s: float, from_um: float = 0.0, to_um: float = 20.0) -> None:

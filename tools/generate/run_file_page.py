@@ -26,9 +26,9 @@ def layout_tables() -> str:
         parts.append(f"### `{part.path}`\n\n{_sentence(part.note)} {_kind(part)}\n")
         parts.append(table(("name", "type", "unit", "meaning"), rows))
     grid = layout.TRUTH
-    axes = " and ".join(f"`{axis.name}`" for axis in grid.axes)
-    kind = f"NXdata; viewers plot `{grid.signal.name}` as an image over {axes}."
-    sizes = zip((grid.signal, *grid.axes), ("rows × columns", "rows", "columns"), strict=True)
+    axes = " and ".join(f"`{axis.name}`" for axis in grid.columns[1:])
+    kind = f"NXdata; viewers plot `{grid.signal}` as an image over {axes}."
+    sizes = zip(grid.columns, ("rows × columns", "rows", "columns"), strict=True)
     rows_of_grid = [(f"`{c.name}`", shape, c.dtype, c.units, c.long_name) for c, shape in sizes]
     parts.append(f"### `{grid.path}`\n\n{_sentence(grid.note)} {kind}\n")
     parts.append(table(("name", "shape", "type", "unit", "meaning"), rows_of_grid))
