@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import edmctl
-from edmctl.csv_text import plain_text, table_text, text_cell
+from edmctl.csv_text import plain_text, table_text
 from edmctl.profile.places import read_places_file
 from edmctl.record.delimited import Table
 from edmctl.report.export import CsvWriter, ExportColumn
@@ -76,7 +76,3 @@ def test_nothing_else_writes_csv() -> None:
     folder = Path(edmctl.__file__).parent
     found = [path.name for path in folder.rglob("*.py") if other.search(path.read_text(encoding="utf-8"))]
     assert found == ["csv_text.py"]
-
-
-def test_a_text_without_anything_special_stays_as_it_is() -> None:
-    assert text_cell("hole 1") == "hole 1"

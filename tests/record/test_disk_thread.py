@@ -52,13 +52,6 @@ def join_disk() -> None:
             thread.join(LONG_S)
 
 
-def test_the_line_is_attended_to_until_the_disk_has_it(line: Line) -> None:
-    disk = DiskThread(line.attend)
-    disk.run(PATH, line.write)
-    assert line.attended >= line.frees_at
-    assert "disk" not in {thread.name for thread in threading.enumerate()}
-
-
 def test_writes_keep_their_order_and_what_nothing_waits_for_is_left_out(line: Line) -> None:
     disk, written = DiskThread(line.attend), list[int]()
 
@@ -69,9 +62,11 @@ def test_writes_keep_their_order_and_what_nothing_waits_for_is_left_out(line: Li
     assert disk.start(slowly)
     assert not disk.start(lambda: written.append(-1))
     disk.run(PATH, lambda: written.append(2))
+    assert line.attended >= line.frees_at
     assert disk.start(lambda: written.append(3))
     disk.close()
     assert written == [1, 2, 3]
+    assert "disk" not in {thread.name for thread in threading.enumerate()}
 
 
 def refused() -> None:

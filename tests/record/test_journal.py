@@ -25,24 +25,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 JOB = JournalledJob(
-    run_id="a",
-    start="2026-01-31T10:15:00.250+00:00",
-    profile="/somewhere/cu150.toml",
-    overrides=("target.depth_um=60",),
-    profile_sha256="11",
-    sim_sha256="22",
-    setup="",
-    setup_sha256="33",
-    calibration="",
-    allow_model=False,
-    port="/dev/ttyACM0",
-    serial="EDM-7",
-    boots=3,
-    tool="Cu 150 µm",
-    seed=None,
-    places=(("hole 1", 500.0, 0.0, 0.0, math.nan), ("hole 2", 900.0, 0.0, 0.0, 40.0)),
-    parents=("first",),
-)
+    run_id="a", start="2026-01-31T10:15:00.250+00:00", profile="/somewhere/cu150.toml",
+    overrides=("target.depth_um=60",), profile_sha256="11", sim_sha256="22", setup="", setup_sha256="33",
+    calibration="", allow_model=False, port="/dev/ttyACM0", serial="EDM-7", boots=3, tool="Cu 150 µm", seed=None,
+    places=(("hole 1", 500.0, 0.0, 0.0, math.nan), ("hole 2", 900.0, 0.0, 0.0, 40.0)), parents=("first",),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,22 +67,19 @@ def test_what_was_kept_is_what_is_read(tmp_path: Path) -> None:
 
 
 def test_a_cut_is_written_every_five_seconds_of_the_machine_and_a_step_at_once(tmp_path: Path) -> None:
-    path = tmp_path / "a.journal"
-    file = kept(path)
-
-    def on_disk() -> object:
-        return read_journal(path).state["time_s"]
-
-    file.keep(Step(100.0), urgent=True)
-    for tenth in range(1, 50):
-        file.keep(Step(100.0 + tenth / 10.0))
-    assert on_disk() == 100.0
-    file.keep(Step(105.0))
-    assert on_disk() == 105.0
-    file.keep(Step(105.1), urgent=True)
-    assert on_disk() == 105.1
-    file.keep(Step(110.0))
-    assert on_disk() == 105.1
+    path, places_um = tmp_path / "a.journal", iter([(1.0, 2.0), (3.0, 4.0)])
+    file = JournalFile(path, JOB, lambda: next(places_um))
+    steps = [(100.0, True), *((100.0 + tenth / 10.0, False) for tenth in range(1, 50))]
+    # The stages are asked with urgent steps alone.
+    for time_s, urgent, on_disk in (
+        *((time_s, urgent, (100.0, 1.0)) for time_s, urgent in steps),
+        (105.0, False, (105.0, 1.0)),
+        (105.1, True, (105.1, 3.0)),
+        (110.0, False, (105.1, 3.0)),
+    ):
+        file.keep(Step(time_s), urgent=urgent)
+        journal = read_journal(path)
+        assert (journal.state["time_s"], journal.x_um) == on_disk
 
 
 class Site(dict[str, object]):
@@ -118,14 +102,6 @@ def test_a_finished_site_is_converted_once_and_written_at_every_step(tmp_path: P
     assert [site.converted for site in sites] == [1] * 5
     file.keep(Step(9.0, done=(Site(name="corrected"), *sites[1:])), urgent=True)
     assert read_journal(file.path).state["done"][0] == {"name": "corrected"}  # type: ignore[index]
-
-
-def test_the_stages_are_asked_at_steps_only(tmp_path: Path) -> None:
-    places_um = iter([(1.0, 2.0)])
-    file = JournalFile(tmp_path / "a.journal", JOB, lambda: next(places_um))
-    file.keep(Step(0.0), urgent=True)
-    file.keep(Step(6.0))
-    assert read_journal(file.path).x_um == 1.0
 
 
 @pytest.mark.parametrize("fails", ["open", "fsync", "rename"])
@@ -233,15 +209,11 @@ def test_no_journal_and_an_unreadable_one_are_told_apart(tmp_path: Path) -> None
 def test_it_lies_beside_the_run_file_until_the_run_is_done(tmp_path: Path) -> None:
     path = journal_path(tmp_path / "cu150-2026.5Z.h5")
     assert path == tmp_path / "cu150-2026.5Z.journal"
-    file = kept(path)
-    file.keep(Step(1.0), urgent=True)
-    for _ in range(2):
-        file.remove()
-        assert list(tmp_path.iterdir()) == []
-
-
-def test_equal_journals_are_equal(tmp_path: Path) -> None:
-    path = tmp_path / "a.journal"
-    job, state = replace(JOB, places=()), {"time_s": 1.0, "face": []}
-    write_journal(path, whole := Journal(job, state, 5.0, 1.0, 2.0, {"tool_wear_um": 3.0}))
+    whole = Journal(
+        replace(JOB, places=()), {"time_s": 1.0, "face": []}, 5.0, 1.0, 2.0, {"tool_wear_um": 3.0}
+    )
+    write_journal(path, whole)
     assert read_journal(path) == whole
+    for _ in range(2):
+        kept(path).remove()
+        assert list(tmp_path.iterdir()) == []

@@ -15,11 +15,11 @@ from edmctl.labels import Basis, Verdict
 from edmctl.machine.interface import EventCode, MachineState
 from edmctl.record.layout import RESULTS
 from edmctl.record.reader import JUMP_DONE, TOUCH, RecordedState, open_run, reading, recorded_events
-from edmctl.record.rows import EventLevel, EventRow, RunEvent, SlowRow
+from edmctl.record.rows import EventLevel, EventRow, RunEvent
 from edmctl.record.run_index import estimated_depth, read_head, sites_of
 from edmctl.results.declared import quantities, stored_columns
 from edmctl.results.job import SiteResult
-from tests.record.samples import a_site_row, finished
+from tests.record.samples import a_site_row, finished, slow_row
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -108,16 +108,8 @@ def test_an_event_whose_texts_were_damaged_still_happened() -> None:
 def machined(from_s: float, to_depth_um: float) -> list[Row]:
     """Ten rows of a hole, the last without an estimate."""
     depths_um = [*(to_depth_um * k / 9 for k in range(1, 10)), math.nan]
-    shares = (1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0)
     return [
-        SlowRow(
-            from_s + 0.1 * k,
-            *shares,
-            depth_um=depth_um,
-            depth_u95_um=0.04 * depth_um,
-            wear_um=0.5,
-            power_w=math.nan,
-        )
+        replace(slow_row(k), time_s=from_s + 0.1 * k, depth_um=depth_um, depth_u95_um=0.04 * depth_um)
         for k, depth_um in enumerate(depths_um, 1)
     ]
 

@@ -47,6 +47,13 @@ def killed(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(shutil.copyfile(made, tmp_path / "runs" / "run.h5.partial"))
 
 
+def code_of(call: Callable[[], object]) -> str:
+    """Return the code of the error that a call ends with."""
+    with pytest.raises(RunFileError) as refusal:
+        call()
+    return refusal.value.code
+
+
 def flipped(path: Path, bit: int, new: Path) -> Path:
     """A copy of `path` with one bit turned."""
     content = bytearray(path.read_bytes())
@@ -102,9 +109,7 @@ def test_a_writer_killed_at_any_instant_loses_no_flushed_row(tmp_path: Path, see
         for _ in range(chance.randrange(1, 30)):
             flushed = int(writer.stdout.readline())
         assert is_live(partial)
-        with pytest.raises(RunFileError) as refusal:
-            recover(partial)
-        assert refusal.value.code == "E9014"
+        assert code_of(lambda: recover(partial)) == "E9014"
         os.kill(writer.pid, signal.SIGKILL)
     assert not is_live(partial)
     with pytest.raises(OSError, match="already open for write"):
@@ -141,28 +146,21 @@ def test_a_run_that_died_while_it_was_closed_keeps_its_status(killed: Path) -> N
         assert run.number("/entry/exit_code") == 6
 
 
-def test_any_flipped_bit_of_a_finished_file_is_found_before_it_is_read(
+def test_any_flipped_bit_or_cut_of_a_finished_file_is_found_before_it_is_read(
     run_path: Path, tmp_path: Path
 ) -> None:
-    chance = random.Random(4)
-    bits = 8 * run_path.stat().st_size
-    for _ in range(40):
-        broken = flipped(run_path, chance.randrange(bits), tmp_path / "broken.h5")
+    chance, content = random.Random(4), run_path.read_bytes()
+    broken = tmp_path / "broken.h5"
+    bits = [chance.randrange(8 * len(content)) for _ in range(40)]
+    lengths = [0, 1, 7, 8, 100, 2000, len(content) // 2, len(content) - SEAL_BYTES - 1, len(content) - 1]
+    for bit in bits:
+        flipped(run_path, bit, broken)
         before = broken.read_bytes()
-        with pytest.raises(RunFileError) as refusal:
-            open_run(broken)
-        assert refusal.value.code in ("E9005", "E9007")
+        assert code_of(lambda: open_run(broken)) in ("E9005", "E9007")
         assert broken.read_bytes() == before
-
-
-def test_a_file_cut_short_anywhere_is_refused(run_path: Path, tmp_path: Path) -> None:
-    content = run_path.read_bytes()
-    cut = tmp_path / "cut.h5"
-    for length in [0, 1, 7, 8, 100, 2000, len(content) // 2, len(content) - SEAL_BYTES - 1, len(content) - 1]:
-        cut.write_bytes(content[:length])
-        with pytest.raises(RunFileError) as refusal:
-            open_run(cut)
-        assert refusal.value.code in ("E9005", "E9007"), length
+    for length in lengths:
+        broken.write_bytes(content[:length])
+        assert code_of(lambda: open_run(broken)) in ("E9005", "E9007"), length
 
 
 def with_damaged_chunk(path: Path, column: str, new: Path) -> Path:
@@ -174,9 +172,7 @@ def with_damaged_chunk(path: Path, column: str, new: Path) -> Path:
 def test_a_damaged_column_costs_that_column(write_run: Callable[[str], Path], tmp_path: Path) -> None:
     path = write_run("whole.h5")
     broken = with_damaged_chunk(path, "/entry/servo/v_cmd", tmp_path / "broken.h5")
-    with pytest.raises(RunFileError) as refusal:
-        recover(broken)
-    assert refusal.value.code == "E9007"
+    assert code_of(lambda: recover(broken)) == "E9007"
     made = recover_damaged(broken)
     assert (made.path, made.lost_rows) == (tmp_path / "broken.recovered.h5", {})
     assert made.unread_rows == {"/entry/servo/v_cmd": 10_000}  # all in one chunk
@@ -203,9 +199,7 @@ def test_rows_whose_time_is_lost_end_the_table(run_path: Path, tmp_path: Path) -
 def test_a_killed_file_that_lost_its_end_gives_what_is_left(killed: Path, share: float) -> None:
     content = killed.read_bytes()
     killed.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(RunFileError) as refusal:
-        recover(killed)
-    assert refusal.value.code == "E9007"
+    assert code_of(lambda: recover(killed)) == "E9007"
     made = recover_damaged(killed)
     assert made.rows["/entry/servo"] > 0
     with open_run(made.path) as run:
@@ -222,9 +216,7 @@ def test_texts_without_an_end_are_found_before_hdf5_goes_through_them(
     content[heap + 512 : heap + 4096] = bytes(4096 - 512)
     broken = tmp_path / ("endless.h5.partial" if open_end else "endless.h5")
     broken.write_bytes(content)
-    with pytest.raises(RunFileError) as refusal:
-        open_run(broken)
-    assert refusal.value.code == "E9007"
+    assert code_of(lambda: open_run(broken)) == "E9007"
     with pytest.raises(RunFileError):
         open_file(broken, verify=False)
     assert recover_damaged(broken).rows["/entry/servo"] == 10_000
@@ -236,9 +228,7 @@ def test_a_file_that_claims_more_rows_than_it_can_hold_is_damaged(killed: Path) 
         del file["/entry/events"]
         kind = layout.EVENTS.row_type
         file.create_dataset("/entry/events", (10**13,), kind, chunks=(64,), maxshape=(None,))
-    with pytest.raises(RunFileError) as refusal:
-        recover(made)
-    assert refusal.value.code == "E9007"
+    assert code_of(lambda: recover(made)) == "E9007"
     assert recover_damaged(made).rows["/entry/events"] == 0
 
 
@@ -254,9 +244,7 @@ def test_two_recoveries_at_once_do_not_meet(killed: Path, monkeypatch: pytest.Mo
         first_copy(*arguments)
 
     monkeypatch.setattr(recovery, "write_anew", interleaved)
-    with pytest.raises(RunFileError) as refusal:
-        recover(killed)
-    assert refusal.value.code == "E9001"
+    assert code_of(lambda: recover(killed)) == "E9001"
     assert verify_checksum(killed.with_suffix(""))
     assert sorted(p.name for p in killed.parent.iterdir()) == ["run.h5", "run.h5.partial"]
 

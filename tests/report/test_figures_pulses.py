@@ -72,7 +72,7 @@ def test_without_pulses_it_is_told_what_would_change_that(tmp_path: Path) -> Non
     writer = made_up.new_run(tmp_path)
     made_up.cut(writer, 0.0)
     path = writer.finish("done", 0)
-    for kind in ("pulses", "energy"):
+    for kind in ("pulses", "energy", "laue"):
         assert "log.pulses" in why_not(kind, path)
 
 
@@ -105,10 +105,6 @@ def test_pulses_between_the_cuts_have_no_part_in_the_delays(tmp_path: Path) -> N
         found = delays(run, cuts_s(run))
     assert found.ignited.sum() == 800
     assert np.flatnonzero(found.ignited).tolist() == [600]
-
-
-def test_a_run_of_blocks_has_no_laue_plot(run_file: Path) -> None:
-    assert "log.pulses=full" in why_not("laue", run_file)
 
 
 @pytest.mark.parametrize(
@@ -311,36 +307,38 @@ def write_waveforms(folder: Path, *, fault: bool, begin_s: float = 0.0, end_s: f
     return made_up.finished(folder, *rows)
 
 
-def test_waveforms_are_counted_from_the_fault(tmp_path: Path) -> None:
-    path = write_waveforms(tmp_path, fault=True)
+@pytest.mark.parametrize(
+    ("begin_s", "end_s", "whole_ms", "detail_ms"),
+    [
+        (0.0, 0.04, (-32.0, 8.0), (-4.0, 1.0)),  # 8 periods before, 2 after
+        (0.031, 0.03225, (-1.0, 0.25), (-1.0, 0.25)),  # a short memory
+    ],
+)
+def test_waveforms_are_counted_from_the_fault(
+    tmp_path: Path,
+    begin_s: float,
+    end_s: float,
+    whole_ms: tuple[float, float],
+    detail_ms: tuple[float, float],
+) -> None:
+    path = write_waveforms(tmp_path, fault=True, begin_s=begin_s, end_s=end_s)
     figure = drawn("waveforms", path)
-    whole, detail = figure.axes[1], figure.axes[3]
-    assert whole.get_xlim() == pytest.approx((-32.0, 8.0), abs=0.05)
-    assert detail.get_xlim() == pytest.approx((-4.0, 1.0), abs=0.05)  # 8 periods before, 2 after
+    assert figure.axes[1].get_xlim() == pytest.approx(whole_ms, abs=0.05)
+    assert figure.axes[3].get_xlim() == pytest.approx(detail_ms, abs=0.05)
     assert {"fault", "voltage (V)", "current (A)", "time after the fault (ms)"} <= texts("waveforms", path)
     assert not overlaps(figure)
     assert width_mm(figure) == pytest.approx(85.0, abs=0.2)
 
 
-def test_waveforms_of_a_short_memory_are_drawn_as_far_as_they_go(tmp_path: Path) -> None:
-    path = write_waveforms(tmp_path, fault=True, begin_s=0.031, end_s=0.03225)
-    figure = drawn("waveforms", path)
-    for axes in (figure.axes[1], figure.axes[3]):  # two pulses before and half a period after
-        assert axes.get_xlim() == pytest.approx((-1.0, 0.25), abs=0.01)
-    assert "fault" in texts("waveforms", path)
-    assert not overlaps(figure)
-
-
-def test_no_plateau_of_a_waveform_is_above_every_number_of_its_axis(faulted_run_file: Path) -> None:
-    for axes in drawn("waveforms", faulted_run_file).axes:
+def test_the_pulses_of_a_real_short_end_at_the_fault_and_no_plateau_is_above_every_number(
+    faulted_run_file: Path,
+) -> None:
+    figure = drawn("waveforms", faulted_run_file)
+    for axes in figure.axes:
         ticks = axes.get_yticks()
         assert ticks[-1] >= max(data(line)[1].max() for line in axes.get_lines()[:1])
         low, high = axes.get_ylim()
         assert sum(low <= tick <= high for tick in ticks) >= 3
-
-
-def test_the_pulses_of_a_real_short_end_at_the_fault(faulted_run_file: Path) -> None:
-    figure = drawn("waveforms", faulted_run_file)
     time_ms, current_a = data(figure.axes[3].get_lines()[0])
     # 120 mA in a plain discharge, and more in a short
     assert current_a[time_ms < 0.0].max() > 0.1

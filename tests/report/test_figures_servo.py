@@ -12,8 +12,8 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from edmctl.record.reader import RecordedState, open_run
-from edmctl.record.rows import SlowRow
 from edmctl.report.signals import envelopes, rows_worked, spans_in
+from tests.record.samples import slow_row
 from tests.report.drawing import data, drawn, legend_of, line_called, overlaps, texts, why_not, width_mm
 from tests.report.made_up import IDLE, TOUCH, a_cut, a_touch, finished, sites
 from tests.tiers import tiers
@@ -52,22 +52,7 @@ def test_the_gap_figure_shows_reference_jumps_and_readings(run_file: Path) -> No
 
 
 def test_a_reference_that_follows_the_duty_factor_is_in_volts(tmp_path: Path) -> None:
-    rows = [
-        SlowRow(
-            0.1 * k,
-            1.0,
-            0.8,
-            0.8 if k < 100 else 0.9,
-            0.2,
-            0.7,
-            0.1,
-            0.0,
-            depth_um=0.0,
-            wear_um=0.0,
-            power_w=0.1,
-        )
-        for k in range(200)
-    ]
+    rows = [replace(slow_row(k), gap_ratio_ref=0.8 if k < 100 else 0.9) for k in range(200)]
     time_s, reference_v = line_called(drawn("gap", finished(tmp_path, a_cut(20.0), *rows)), "reference")
     assert reference_v[time_s < 9.8] == pytest.approx(9.6, abs=0.01)
     assert reference_v[time_s > 10.2] == pytest.approx(10.8, abs=0.01)
@@ -197,15 +182,6 @@ def test_touching_marks_the_contacts_of_the_last_bottom_below_all_readings(run_f
             assert values[-1] == readings[readings["kind"] == row["kind"]][column][-1]
     begin, end = lower.get_xlim()
     assert begin < readings["time"][0] < readings["time"][-1] < end
-
-
-@pytest.mark.slow
-def test_a_long_name_of_a_site_lies_on_nothing(tmp_path: Path) -> None:
-    name = "3141 µm along the path of the left one of two spirals"
-    touches = [a_touch(kind, 5.0 + 5.0 * k, site=name) for k, kind in enumerate(("Z1", "Z2", "Z3"))]
-    path = finished(tmp_path, a_cut(20.0), *touches)
-    assert "Touches of Z2: 3141 µm along the path of the left one o…" in texts("touching", path)
-    assert not overlaps(drawn("touching", path))
 
 
 def test_a_single_high_sample_is_not_lost_in_a_long_run_whose_idle_begin_is_left_out(tmp_path: Path) -> None:
