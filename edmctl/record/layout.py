@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from edmctl.dataclasses import dataclass, fields
 from edmctl.record import rows as kinds
-from edmctl.record.rows import EventRow, Leaf, Row, RunMeta, Segment, ServoBlock, SlowRow, TouchRow
+from edmctl.record.rows import EventLevel, EventRow, Row, RunMeta, Segment, ServoBlock, SlowRow, TouchRow
 from edmctl.results.declared import PURE, TEXT, stored_columns
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
@@ -277,7 +277,7 @@ def is_urgent(row: Row) -> bool:
     table = TABLE_OF.get(type(row))
     if table is None:
         return isinstance(row, kinds.RejectedTouch)
-    return row.level >= kinds.EventLevel.WARNING if isinstance(row, EventRow) else table.at_once
+    return row.level >= EventLevel.WARNING if isinstance(row, EventRow) else table.at_once
 
 
 UNKNOWN = {"f8": np.nan, "i4": NO_EXIT_CODE, "i8": NO_SEED, "u1": 0, "text": "", "texts": (), "json": b""}
@@ -297,7 +297,7 @@ class Content:
     """
 
     values: dict[str, Any]
-    profile: Mapping[str, Leaf]
+    profile: Mapping[str, kinds.Leaf]
     rows: Mapping[str, int] | None = None
 
 
