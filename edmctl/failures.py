@@ -2340,8 +2340,8 @@ def no_point_with_values(*, names: object) -> PreconditionError:
 
 def no_point_known_to_keep(*, limits: object) -> PreconditionError:
     return PreconditionError(
-        f"No point is known to keep {limits}, or by how much it does not.",
-        hint="Tell manual responses with `edmctl study tell`, or make the runs.",
+        f"No point is known to keep {limits} by its 95 % bound.",
+        hint="Add replicates with `edmctl study extend`, or runs with `edmctl study suggest --add`.",
         code="E8208",
     )
 

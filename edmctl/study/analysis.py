@@ -18,7 +18,7 @@ from edmctl.study.design import (
     unit_points,
 )
 from edmctl.study.folder import StudyState
-from edmctl.study.responses import TRUTHS, range_of
+from edmctl.study.responses import range_of
 from edmctl.study.results import (
     TRUTH,
     Choice,
@@ -154,14 +154,12 @@ class StudyAnalysis:
 
     runs : the design's runs that are done, in the order of the rows of every analysis; design tables use these alone
     added : runs that were suggested or added; `choices` use them too
-    truths : analyses of the virtual machine's true values, by response
     """
 
     plan: StudyPlan
     runs: tuple[StudyRun, ...]
     added: tuple[StudyRun, ...]
     responses: tuple[ResponseAnalysis, ...]
-    truths: dict[str, ResponseAnalysis]
     choices: tuple[Choice, ...]
     notes: tuple[str, ...]
 
@@ -176,16 +174,10 @@ def analysis_of(state: StudyState) -> StudyAnalysis:
     others = (run for run in done if not plan.is_of_design(run.planned))
     added = tuple(run for run in others if run.planned.kind is not RunKind.CONFIRMATION)
     table = doe_runs(plan, designed)
-    analyses, truths = [], {}
-    for response in plan.responses:
-        name = response.name
-        analyses.append(_analysis(plan, name, response, designed, table))
-        has_truth = name in TRUTHS and not response.is_manual  # a manual one may be something else
-        if has_truth and any(run.row and run.row.truth for run in designed):
-            truths[name] = _analysis(plan, f"{TRUTH}{name}", response, designed, table)
+    analyses = [_analysis(plan, response, designed, table) for response in plan.responses]
     choices = _choices(state, (*designed, *added), analyses)
     notes = _notes(state, designed, added)
-    return StudyAnalysis(plan, designed, added, tuple(analyses), truths, choices, notes)
+    return StudyAnalysis(plan, designed, added, tuple(analyses), choices, notes)
 
 
 def doe_runs(plan: StudyPlan, runs: Sequence[StudyRun]) -> Runs:
@@ -216,10 +208,11 @@ def is_one_machine(runs: Sequence[StudyRun]) -> bool:
 
 
 def _analysis(
-    plan: StudyPlan, name: str, response: ResponseInfo, designed: Sequence[StudyRun], runs: Runs
+    plan: StudyPlan, response: ResponseInfo, designed: Sequence[StudyRun], runs: Runs
 ) -> ResponseAnalysis:
     from edmctl.study.statistics.response_analysis import analyse
 
+    name = response.name
     return analyse(
         name,
         runs,

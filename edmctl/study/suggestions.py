@@ -33,7 +33,6 @@ from edmctl.study.design import coded, settings_key, unit_points, value_at
 from edmctl.study.folder import StudyState
 from edmctl.study.planning import grid_of, request_of
 from edmctl.study.results import (
-    Choice,
     Confirmation,
     ConfirmedResponse,
     FactorInfo,
@@ -275,39 +274,24 @@ def _best_point(state: StudyState) -> Recommendation:
     if not candidates:
         raise _nothing_left(state, "recommend")
     limits = ", ".join(map(str, plan.constraints))
-    kept = f" and are known to keep {limits}" if limits else ""
     feasible = [one for one in candidates if one.is_feasible]
-    info = plan.response(names[0])
-    assert info is not None
     if not feasible:
-        best = min(candidates, key=lambda one: _violation(plan, one))
-        if not math.isfinite(_violation(plan, best)):
-            raise failures.no_point_known_to_keep(limits=limits)
-        basis = "No point that was run is known to keep every constraint; this one comes nearest."
-    elif len(names) > 1:
+        raise failures.no_point_known_to_keep(limits=limits)
+    kept = f" and are known to keep {limits}" if limits else ""
+    if len(names) > 1:
         best = max(feasible, key=lambda one: -math.inf if one.grey_grade is None else one.grey_grade)
         grade = "The point with the highest grey relational grade of those that were run"
         basis = f"{grade}{kept}: a preference by weights."
     else:
+        info = plan.response(names[0])
+        assert info is not None
         best = min(feasible, key=lambda one: cost_of(info, float(one.means[info.name] or 0.0)))
         basis = f"The point with the best mean of {info.name} among those that were run{kept}."
     expected = expected_at(state, analysis.responses, best.settings)
     basis += _refuted_text(state)
     if expected and is_one_machine(analysis.runs):
         basis += " The expected values are of the one machine of the study: others may differ by more."
-    return _recommendation(state, best.settings, expected, basis, is_feasible=best.is_feasible)
-
-
-def _violation(plan: StudyPlan, choice: Choice) -> float:
-    """Return by how much a point misses its worst constraint, as a share of the limit; by means without bounds."""
-    worst = 0.0
-    for bound in plan.constraints:
-        value = choice.upper.get(str(bound))
-        value = choice.means.get(bound.response) if value is None else value
-        if value is None:
-            return math.inf
-        worst = max(worst, bound.excess(value) / (abs(bound.limit) or 1.0))
-    return worst
+    return _recommendation(state, best.settings, expected, basis, is_feasible=True)
 
 
 def _refuted_text(state: StudyState) -> str:
@@ -384,13 +368,12 @@ def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE
     few runs have a response, E8211 the rules refuse whatever is suggested, E8217 confirmation has refuted all
     settings.
     """
-    runs, settings, fitted = _fitted(state)
+    _, settings, fitted = _fitted(state)
     refuse_without_room(state, count)
     pending = [run for run in state.runs if run.state is RunState.OPEN] + _waiting(state)
     waiting = unit_points(state.plan.factors, [run.planned.settings for run in pending])
-    budget = max(state.folder.source.file.optimize.runs, len(runs) + count)
     for _ in range(MOST_REFUSED):
-        numbers = fitted.suggest(unit_points(state.plan.factors, settings), count, waiting, budget)
+        numbers = fitted.suggest(unit_points(state.plan.factors, settings), count, waiting)
         chosen = [settings[number] for number in numbers]
         refused = [one for one in chosen if not _is_allowed(state, one, surroundings)]
         if not refused:

@@ -143,7 +143,7 @@ def test_levels_that_a_model_has_not_seen_are_not_guessed(tmp_path: Path) -> Non
         "[0.2, 0.4]", "[0.2, 0.3, 0.4]"
     )
     folder = made(tmp_path, text)
-    come_to(folder, arcs(0.01))
+    come_to(folder, lambda run: {"machining_time_s": time_s(run), "arc_share": 0.01 + run.number % 3 / 2000})
     state = folder.read()
     found = analysis_of(state)
     for run in state.runs:

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import json
 import math
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from edmctl.app import main
-from edmctl.dataclasses import replace
 from edmctl.study.analysis import analysis_of
 from edmctl.study.design import value_at
 from edmctl.study.report import StudyReport, mapping_of, report_of
 from edmctl.study.report.contents import what_matters
 from edmctl.study.report.page import render_study_page
-from edmctl.study.running import bare_row, lost_row
+from edmctl.study.running import lost_row
 from edmctl.study.suggestions import confirmation_runs, suggested_runs
 from tests.study.studies import FULL, HEAD, RESPONSES, SMALL, come_to, made
 from tests.tiers import tiers
@@ -104,7 +102,7 @@ def add(folder: StudyFolder, count: int) -> None:
 def tables(folder: StudyFolder) -> str:
     """All design tables, to the digit."""
     found = mapping_of(StudyReport(analysis_of(folder.read()), ()))
-    kept = {name: found[name] for name in ("runs", "responses", "truths")}
+    kept = {name: found[name] for name in ("runs", "responses")}
     return json.dumps(kept, default=lambda one: {name: getattr(one, name) for name in one.__slots__})
 
 
@@ -251,18 +249,6 @@ def test_table_page_and_json_name_the_runs_that_they_use(
 TWICE = SMALL.replace(FULL, f"{FULL}replicates = 2\n")
 
 
-def test_a_manual_response_is_not_set_beside_a_truth_of_that_name(tmp_path: Path) -> None:
-    folder = made(tmp_path, TWICE)
-    with folder.writer() as writer:
-        for n, run in enumerate(folder.read().runs):
-            own = {"machining_time_s": 40.0 + n % 3, "wear_ratio_lin": 0.3 + n % 4 / 100}
-            truth = {"wear_ratio_lin": 0.3 + n % 5 / 100, "ra_um": 0.2 + n % 3 / 100}
-            row = bare_row(run.planned, 1, run.planned.seed, datetime.now(UTC))
-            writer.run(replace(row, responses=own, truth=truth))
-            writer.told(run, {"ra_um": 0.4 + n % 3 / 100})
-    assert set(analysis_of(folder.read()).truths) == {"wear_ratio_lin"}
-
-
 def test_a_factor_with_one_level_left_has_no_table_of_levels(tmp_path: Path) -> None:
     folder = made(tmp_path, TWICE)
     with folder.writer() as writer:
@@ -275,6 +261,5 @@ def test_a_factor_with_one_level_left_has_no_table_of_levels(tmp_path: Path) -> 
     time = found.responses[0]
     assert [one.factor for one in time.level_means] == ["reference"]
     assert [one.factor for one in time.noise_means] == ["reference"]
-    assert not time.interactions
     assert "only one level of duty has a value" in time.notes
     assert "too many different values" not in render_study_page(StudyReport(found, state.runs))

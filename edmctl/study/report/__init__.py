@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 MOST_POINTS = 12
 ANOVA_COLUMNS = ("term", "dof", "F", "p", "share of seq. SS, %")
-TRUTH_COLUMNS = ("term", "p, measured", "seq. share %, measured", "p, true", "seq. share %, true")
 FIELDS = (
     *("name", "is_log", "mean", "sd", "anova", "coefficients"),
     *("r2", "adjusted_r2", "predicted_r2", "error_sd", "notes"),
@@ -85,7 +84,6 @@ def mapping_of(report: StudyReport) -> dict[str, Any]:
         "runs": [run.planned.number for run in analysis.runs],
         "added_runs": [run.planned.number for run in analysis.added],
         "responses": [_response(one, analysis) for one in analysis.responses],
-        "truths": [_response(one, analysis) for one in analysis.truths.values()],
         "choices": analysis.choices,
         "recommendation": report.recommendation,
         "confirmations": report.confirmations,
@@ -111,10 +109,7 @@ def _response(one: ResponseAnalysis, analysis: StudyAnalysis) -> dict[str, Any]:
 def render_report(report: StudyReport, style: Style = PLAIN) -> str:
     """Render the tables of each response, the Pareto front, the recommendation and the confirmations."""
     found, plan = report.analysis, report.analysis.plan
-    parts = [
-        render_response(report.info(one.name), one, style, found.truths.get(one.name))
-        for one in found.responses
-    ]
+    parts = [render_response(report.info(one.name), one, style) for one in found.responses]
     front = [one for one in found.choices if one.is_pareto]
     if len(plan.objectives or plan.responses) > 1 and front:
         runs = plural(sum(one.runs for one in found.choices), "run")
@@ -130,22 +125,14 @@ def render_report(report: StudyReport, style: Style = PLAIN) -> str:
     return "\n\n".join(parts)
 
 
-def render_response(
-    info: ResponseInfo, one: ResponseAnalysis, style: Style = PLAIN, true: ResponseAnalysis | None = None
-) -> str:
-    """Render the analysis of variance of a response, pooled if nothing else is left for the error.
-
-    true : the analysis of the true values of a virtual machine, beside it
-    """
+def render_response(info: ResponseInfo, one: ResponseAnalysis, style: Style = PLAIN) -> str:
+    """Render the analysis of variance of a response, pooled if nothing else is left for the error."""
     head = style.paint(f"{one.name}{', logarithm' if one.is_log else ''}", Ink.STRONG)
     mean = f"mean {significant(one.mean, 4)}, standard deviation {significant(one.sd, 3)}"
     lines = [f"{head}  {plural(len(one.used), 'run')} of the design: {mean}"]
-    if true is not None and (both := contents.measured_and_true(one, true)) is not None:
-        lines.append(_text(both, style, TRUTH_COLUMNS))
-    elif one.anova is not None:
-        lines.append(
-            _text(contents.analysis_of_variance(one)[0 if one.anova.error.dof else -1], style, ANOVA_COLUMNS)
-        )
+    if one.anova is not None:
+        shown = contents.analysis_of_variance(one)[0 if one.anova.error.dof else -1]
+        lines.append(_text(shown, style, ANOVA_COLUMNS))
     sentences = [*contents.what_matters(info, one), *map(contents.sentence, one.notes)]
     quality = contents.fit_quality(one, info.unit)
     if quality is not None and math.isfinite(one.r2):

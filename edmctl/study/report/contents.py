@@ -116,7 +116,8 @@ def design_text(plan: StudyPlan) -> str:
         if tools
         else plural(len({run.seed for run in plan.runs}), "virtual machine"),
     ]
-    return f"{plan.kind}: {', '.join(counts)}."
+    dof = ", ".join(f"{term} {dof}" for term, dof in plan.dof.items())
+    return f"{plan.kind}: {', '.join(counts)}. Degrees of freedom: {dof}."
 
 
 def limitations(
@@ -329,13 +330,6 @@ def responses(plan: StudyPlan) -> PageTable:
     return _table("Responses", columns, words=True)
 
 
-def degrees_of_freedom(plan: StudyPlan) -> PageTable:
-    """Return the degrees of freedom of the planned runs, by term."""
-    dof = {**plan.dof, "total": sum(plan.dof.values())}
-    columns = [("term", list(dof)), ("degrees of freedom", list(map(str, dof.values())))]
-    return _table("Degrees of freedom, as planned", columns)
-
-
 def analysis_of_variance(one: ResponseAnalysis) -> list[PageTable]:
     """Return the table without and with pooling."""
     name = f"Analysis of variance of {'ln ' if one.is_log else ''}{one.name}"
@@ -372,30 +366,6 @@ def _anova(caption: str, table: Anova, note: str = "") -> PageTable:
         ("less error, %", [decimal(row.pure_pct) for row in rows]),
     ]
     return _table(caption, columns, " ".join([*notes, note]).strip())
-
-
-def measured_and_true(measured: ResponseAnalysis, true: ResponseAnalysis) -> PageTable | None:
-    """Return the analysis of measured values beside that of true ones; None if one of them has none."""
-    if measured.anova is None or true.anova is None:
-        return None
-    tables = {"measured": measured.anova, "true": true.anova}
-    rows = {what: {row.name: row for row in (*of.rows, of.error)} for what, of in tables.items()}
-    names = list(dict.fromkeys(name for of in rows.values() for name in of))
-    columns = [("term", names)]
-    for what, of in rows.items():
-        found = [of.get(name) for name in names]
-        columns += [
-            (f"dof, {what}", [str(row.dof) if row else UNKNOWN for row in found]),
-            (f"F, {what}", [significant(row.f, 4) if row else UNKNOWN for row in found]),
-            (f"p, {what}", [p_text(row.p) if row else UNKNOWN for row in found]),
-            (f"seq. share %, {what}", [decimal(row.contribution_pct) if row else UNKNOWN for row in found]),
-        ]
-    note = (
-        f"True values are those of the virtual machine: mean {significant(true.mean, 4)}, measured "
-        f"{significant(measured.mean, 4)}. A term that acts on the measured value alone may be an effect on the "
-        "measurement."
-    )
-    return _table("Measured and true (simulated)", columns, note)
 
 
 def response_table(caption: str, found: Sequence[LevelMeans], note: str = "") -> PageTable:
@@ -476,13 +446,6 @@ def _lack_text(one: ResponseAnalysis) -> str:
 
 def _percent(share: float) -> str:
     return f"{decimal(100 * share, 1)} %" if math.isfinite(share) else UNKNOWN
-
-
-def expected(plan: StudyPlan, one: Recommendation) -> PageTable:
-    """Return the response values that are expected at the recommended settings."""
-    intervals = [interval_text(of, plan.response(name)) for name, of in one.intervals.items()]
-    columns = [("response", list(one.expected)), ("expected of a new run (95 % interval)", intervals)]
-    return _table(f"Expected at {settings_text(plan.factors, one.settings)}", columns, words=True)
 
 
 def confirmation(plan: StudyPlan, one: Confirmation) -> PageTable:

@@ -38,7 +38,7 @@ from edmctl.study.design import uncoded
 from edmctl.study.report.contents import factor_label, level_text, target_text
 from edmctl.study.results import Choice, FactorInfo, ResponseInfo, RunKind, StudyPlan, StudyRun
 from edmctl.study.statistics.linear_model import Settings, term_name
-from edmctl.study.statistics.response_analysis import Interaction, LevelMeans, ResponseAnalysis
+from edmctl.study.statistics.response_analysis import LevelMeans, ResponseAnalysis
 from edmctl.wording import plain_number, printable
 
 if TYPE_CHECKING:
@@ -165,67 +165,60 @@ def _means(
     return figure
 
 
-def departure(one: Interaction) -> float:
-    """Return the departure of the lines of two factors from parallel: the rms interaction of the means."""
-    cells = np.asarray(one.means)
-    if not np.isfinite(cells).all():
-        return -1.0
-    rest = cells - cells.mean(axis=0) - cells.mean(axis=1)[:, None] + cells.mean()
-    return float(np.sqrt((rest**2).mean()))
+def _cell_means(
+    one: ResponseAnalysis, settings: Sequence[Mapping[str, object]], levels: Mapping[str, Sequence[object]]
+) -> Array:
+    """Return the means of a response at the levels of two factors, by their keys; NaN without a run."""
+    (first, rows), (second, columns) = levels.items()
+    means = np.full((len(rows), len(columns)), np.nan)
+    for i, j in np.ndindex(means.shape):
+        cell = {first: rows[i], second: columns[j]}.items()
+        values = [
+            value for row, value in zip(one.used, one.values, strict=True) if cell <= settings[row].items()
+        ]
+        means[i, j] = np.mean(values) if values else np.nan
+    return means
 
 
-def draw_interactions(plan: StudyPlan, info: ResponseInfo, one: ResponseAnalysis) -> Figure:
+def departure(means: Array) -> float:
+    """Return the departure of lines from parallel: the rms interaction of the means; −1 if a mean is missing."""
+    rest = means - means.mean(axis=0) - means.mean(axis=1)[:, None] + means.mean()
+    return float(np.nan_to_num(np.sqrt((rest**2).mean()), nan=-1.0))
+
+
+def draw_interactions(
+    plan: StudyPlan, info: ResponseInfo, one: ResponseAnalysis, runs: Sequence[StudyRun]
+) -> Figure:
     """Draw means over pairs of factors, those whose lines are least parallel first. Raises NothingToDraw."""
     check_varies(one)
-    if not one.interactions:
+    factors = {factor.name: factor for factor in plan.factors}
+    settings = [run.planned.settings for run in runs]
+    pairs = []
+    for first, second in itertools.combinations(one.level_means, 2):
+        levels = {factors[of.factor].key: of.levels for of in (first, second)}
+        pairs.append((first, second, _cell_means(one, settings, levels)))
+    if not pairs:
         raise NothingToDraw("Interactions need two factors of a few levels, and these runs have none.")
-    chosen = sorted(one.interactions, key=lambda pair: -departure(pair))[:MOST_INTERACTIONS]
-    labels = {factor.name: factor_label(factor) for factor in plan.factors}
-    width_mm = (COLUMN_MM - AXIS_MM) / min(2, len(chosen))
-    longest = max(len(_short(level)) for pair in chosen for level in pair.other_levels)
+    pairs = sorted(pairs, key=lambda pair: -departure(pair[2]))[:MOST_INTERACTIONS]
+    width_mm = (COLUMN_MM - AXIS_MM) / min(2, len(pairs))
+    longest = max(len(_short(level)) for _, second, _ in pairs for level in second.levels)
     columns = max(1, int((width_mm - 2.0) / (5.0 + LETTER_MM * longest)))
-    lines = max(math.ceil(len(pair.other_levels) / columns) for pair in chosen)
-    figure, panels = _panels(len(chosen), 2, 34.0 + 3.0 * (1 + lines), printable(info.label))
-    for axes, pair in zip(panels, chosen, strict=True):
+    lines = max(math.ceil(len(second.levels) / columns) for _, second, _ in pairs)
+    figure, panels = _panels(len(pairs), 2, 34.0 + 3.0 * (1 + lines), printable(info.label))
+    for axes, (first, second, means) in zip(panels, pairs, strict=True):
         looks = itertools.cycle(zip(LEVEL_COLOURS, LEVEL_MARKS, strict=True))
-        for n, (level, (colour, mark)) in enumerate(zip(pair.other_levels, looks, strict=False)):
+        for level, line, (colour, mark) in zip(second.levels, means.T, looks, strict=False):
             # A legend hides names that begin with an underscore.
-            means, name = [row[n] for row in pair.means], f" {_short(level)}"
-            axes.plot(means, color=colour, marker=mark, markersize=2.8, linewidth=0.7, label=name)
-        _levels_below(axes, pair.one_levels, width_mm - 6.0)
-        axes.set_xlabel(wrapped(labels[pair.one], width_mm))
+            axes.plot(
+                line, color=colour, marker=mark, markersize=2.8, linewidth=0.7, label=f" {_short(level)}"
+            )
+        _levels_below(axes, first.levels, width_mm - 6.0)
+        axes.set_xlabel(wrapped(factor_label(factors[first.factor]), width_mm))
         axes.legend(
-            title=wrapped(labels[pair.other], width_mm), title_fontsize=6.5, alignment="left",
+            title=wrapped(factor_label(factors[second.factor]), width_mm), title_fontsize=6.5, alignment="left",
             loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, handlelength=1.2, columnspacing=0.7,
             handletextpad=0.2, borderaxespad=0.0, borderpad=0.2, labelspacing=0.2,
         )  # fmt: skip
-    return figure
-
-
-def draw_fitted(info: ResponseInfo, one: ResponseAnalysis, runs: Sequence[StudyRun]) -> Figure:
-    """Draw measured against fitted values of every run, and of the mean of every point. Raises NothingToDraw."""
-    if not one.fitted:
-        raise NothingToDraw(NO_MODEL)
-    fitted, measured = np.asarray(one.fitted), np.asarray(one.values)
-    fitted = np.exp(fitted) if one.is_log else fitted
-    points = np.array([runs[row].planned.point for row in one.used])
-    figure = new_figure(62.0)
-    axes = figure.subplots()
-    plain_ticks(axes)
-    ends = np.array([min(fitted.min(), measured.min()), max(fitted.max(), measured.max())])
-    ends += 0.05 * np.ptp(ends) * np.array([-1, 1])
-    axes.plot(ends, ends, color=GREY, linewidth=0.6)
-    axes.plot(fitted, measured, "o", color=FAINT, markersize=1.8, linestyle="none", label="run")
-    means = [
-        (fitted[points == point].mean(), measured[points == point].mean()) for point in np.unique(points)
-    ]
-    axes.plot(*zip(*means, strict=True), "o", color=BLUE, markersize=4.2, markerfacecolor="none",
-              markeredgewidth=0.8, label="mean of a point")  # fmt: skip
-    axes.set(xlim=ends, ylim=ends)
-    axes.locator_params(nbins=6)
-    axes.set_xlabel(wrapped(f"fitted {printable(info.label)}", 70.0))
-    axes.set_ylabel(wrapped(f"measured {printable(info.label)}", 48.0))
-    shared_legend(figure, [axes])
     return figure
 
 

@@ -82,7 +82,6 @@ def _studied(parts: StudyReport) -> Parts:
         html.paragraph(f"Model: {contents.MODELS.get(plan.model, plan.model)}."),
         contents.factors(plan),
         contents.responses(plan),
-        contents.degrees_of_freedom(plan),
     ]
     if plan.aliases:
         listed = html.sentences(plan.aliases)
@@ -118,9 +117,6 @@ def _response(parts: StudyReport, one: ResponseAnalysis) -> Parts:
         enough = 2 * one.anova.error.dof >= one.anova.total.dof
         why = "the error has enough degrees of freedom" if enough else "there are too few terms for that"
         found.append(html.paragraph(f"Nothing is pooled: {why}.", "note"))
-    true = parts.analysis.truths.get(one.name)
-    if true is not None:
-        found.append(contents.measured_and_true(one, true))
     used = [parts.analysis.runs[row].planned.settings for row in one.used]
     shown = {means.factor for means in one.level_means}
     varied = {factor.name for factor in plan.factors if len({repr(of[factor.key]) for of in used}) > 1}
@@ -147,8 +143,6 @@ def _pictures(parts: StudyReport, one: ResponseAnalysis, prefix: str) -> Iterato
     if one.anova is None or not one.anova.error.dof:
         bars = "No bars: nothing is left to estimate the error"
     mixed = " The design mixes such effects with those of factors alone." if plan.aliases else ""
-    hidden = len(one.interactions) - figures.MOST_INTERACTIONS
-    more = f" The {plural(hidden, 'pair')} with the most parallel lines are left out." if hidden > 0 else ""
     at = figures.other_settings(plan, figures.surface_factors(plan, one))
     pictures: dict[str, tuple[str, str, Callable[[], Figure]]] = {
         "effects": (
@@ -161,11 +155,6 @@ def _pictures(parts: StudyReport, one: ResponseAnalysis, prefix: str) -> Iterato
             "Mean signal-to-noise ratio by level of each factor; higher is better. The dashed line is the mean.",
             partial(figures.draw_noise_effects, plan, one),
         ),
-        "fitted": (
-            f"Measured and fitted {name}",
-            "Every run and the mean of every point against the fitted value; on the line they agree.",
-            partial(figures.draw_fitted, info, one, runs),
-        ),
         "residuals": (
             f"Residuals of {name}",
             "Residuals (a) against fitted values and (b) against a normal distribution: a fan or a bend in (a) "
@@ -174,8 +163,8 @@ def _pictures(parts: StudyReport, one: ResponseAnalysis, prefix: str) -> Iterato
         ),
         "interactions": (
             f"Pairs of factors and {name}",
-            f"Means over two factors. Lines that are not parallel show an interaction.{mixed}{more}",
-            partial(figures.draw_interactions, plan, info, one),
+            f"Means over two factors. Lines that are not parallel show an interaction, the strongest first.{mixed}",
+            partial(figures.draw_interactions, plan, info, one, runs),
         ),
         "order": (
             f"{name} in the order of the runs",
@@ -213,7 +202,6 @@ def _front(parts: StudyReport) -> Iterator[Picture]:
 def _choice(parts: StudyReport) -> Parts:
     plan = parts.analysis.plan
     return [
-        contents.expected(plan, parts.recommendation) if parts.recommendation is not None else None,
         *(contents.confirmation(plan, one) for one in parts.confirmations),
         contents.choices(plan, parts.analysis.choices),
     ]

@@ -39,7 +39,6 @@ Better = Literal["larger", "smaller", "nominal"]
 
 MOST_LEVELS = 8
 """Factors with more different values are a range, without means by level."""
-MOST_PAIRS = 15
 STATED_DOF = 1_000_000
 """Degrees of freedom of a stated uncertainty."""
 
@@ -136,17 +135,6 @@ class Runs:
     def distinct(self) -> list[int]:
         """The points, in the order of their first runs."""
         return list(dict.fromkeys(self.points))
-
-
-@dataclass(frozen=True, slots=True)
-class Interaction:
-    """Means of a response at the levels of two factors: (levels of one, levels of other), NaN without a run."""
-
-    one: str
-    other: str
-    one_levels: tuple[object, ...]
-    other_levels: tuple[object, ...]
-    means: tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,7 +252,6 @@ class ResponseAnalysis:
     lack: LackOfFit | None = None
     level_means: tuple[LevelMeans, ...] = ()
     noise_means: tuple[LevelMeans, ...] = ()
-    interactions: tuple[Interaction, ...] = ()
     fitted: tuple[float, ...] = ()
     residuals: tuple[float, ...] = ()
     block_effects: Mapping[object, float] = field(default_factory=dict)
@@ -367,20 +354,9 @@ def _level_tables(runs: Runs, values: Array, better: Better, notes: list[str]) -
     first = [runs.points.index(point) for point in runs.distinct]
     of_points = {factor: [of_runs[row] for row in first] for factor, of_runs in levels.items()}
     noise = response_table(of_points, ratios, names) if np.isfinite(ratios).all() else []
-    interactions = []
-    for one, other in itertools.islice(itertools.combinations(levels, 2), MOST_PAIRS):
-        one_levels, other_levels = (_in_order(levels[name], names.get(name, ())) for name in (one, other))
-        cells: dict[tuple[object, object], list[float]] = {}
-        for a, b, value in zip(levels[one], levels[other], values, strict=True):
-            cells.setdefault((a, b), []).append(value)
-        means = tuple(
-            tuple(float(np.mean(cells.get((a, b), [math.nan]))) for b in other_levels) for a in one_levels
-        )
-        interactions.append(Interaction(one, other, one_levels, other_levels, means))
     return {
         "level_means": tuple(response_table(levels, values, names)),
         "noise_means": tuple(noise),
-        "interactions": tuple(interactions),
     }
 
 

@@ -49,13 +49,11 @@ class Prior:
 
     points : (n, d)
     blocks : number of the block of each run; None if runs are in none
-    has_slope : whether the trend is linear, not constant
     least_noise : in the unit of standardised values
     """
 
     points: Array
     blocks: NDArray[np.int64] | None
-    has_slope: bool
     least_noise: float
 
     def covariance(self, logs: Array) -> Array:
@@ -103,8 +101,7 @@ class Prior:
 
     def trend(self, points: Array) -> Array:
         """Return columns of the trend (n, terms), each scaled by the prior standard deviation of its coefficient."""
-        mean = np.full((len(points), 1), SD_OF_MEAN)
-        return np.hstack([mean, SD_OF_SLOPE * (points - 0.5)]) if self.has_slope else mean
+        return np.hstack([np.full((len(points), 1), SD_OF_MEAN), SD_OF_SLOPE * (points - 0.5)])
 
     @property
     def medians(self) -> Array:
@@ -235,7 +232,6 @@ def fit_process(
     noise_floor: float = 0.0,
     *,
     blocks: Sequence[object] | None = None,
-    has_slope: bool = True,
 ) -> GaussianProcess:
     """Fit a process to one value at each of (n, d) points.
 
@@ -253,16 +249,12 @@ def fit_process(
     centre, spread = float(measured.mean()), float(measured.std(ddof=1))
     least = 1e-9 * max(1.0, abs(centre))  # values that are all equal are expected everywhere
     scale = spread if spread > least else max(noise_floor, least)
-    prior = Prior(at, numbers, has_slope, max(noise_floor / scale, SMALLEST_NOISE))
+    prior = Prior(at, numbers, max(noise_floor / scale, SMALLEST_NOISE))
     return GaussianProcess(prior, measured, centre, scale, *prior.draws((measured - centre) / scale))
 
 
 BOUND = 1.645
 """Standard errors from what is expected of a constraint to its upper 95 % bound."""
-CONFIRMING = 2 / 3
-"""Share of the budget after which runs go where they are expected to lower what can be recommended."""
-TRIED = 16
-"""Candidates whose gain is computed."""
 FAILURE_NOISE = 0.1
 MOST_FAILING = 0.5
 """Upper bound of the probability of failure of what is recommended."""
@@ -308,15 +300,11 @@ class Outlook:
 
 @dataclass(frozen=True, slots=True)
 class Surrogates:
-    """Processes of an objective, of constraints and, where runs failed, of failure, which is the last constraint.
-
-    runs : that were made, failed ones among them, or are assumed
-    """
+    """Processes of an objective, of constraints and, where runs failed, of failure, which is the last constraint."""
 
     objective: GaussianProcess
     constraints: tuple[GaussianProcess, ...]
     limits: tuple[float, ...]
-    runs: int
 
     @classmethod
     def fit(
@@ -341,9 +329,9 @@ class Surrogates:
             processes.append(fit_process(at[kept], values[kept], blocks=of_kept))
         failed = ~np.isfinite(responses).all(axis=0)
         if failed.any():
-            processes.append(fit_process(at, failed, FAILURE_NOISE, has_slope=False))
+            processes.append(fit_process(at, failed, FAILURE_NOISE))
             limits.append(MOST_FAILING)
-        return cls(processes[0], tuple(processes[1:]), tuple(limits), len(at))
+        return cls(processes[0], tuple(processes[1:]), tuple(limits))
 
     def outlook(self, candidates: ArrayLike) -> Outlook:
         """Return the predictions of (m, d) candidates."""
@@ -355,44 +343,26 @@ class Surrogates:
     def believing(self, point: ArrayLike) -> Surrogates:
         """Return the processes after a run at `point` that came out as predicted."""
         constraints = tuple(process.believing(point) for process in self.constraints)
-        return Surrogates(self.objective.believing(point), constraints, self.limits, self.runs + 1)
+        return Surrogates(self.objective.believing(point), constraints, self.limits)
 
-    def suggest(
-        self, candidates: ArrayLike, runs: int = 1, pending: ArrayLike = (), budget: float = np.inf
-    ) -> list[int]:
+    def suggest(self, candidates: ArrayLike, runs: int = 1, pending: ArrayLike = ()) -> list[int]:
         """Return the next `runs` of (m, d) candidates, one of them perhaps again.
 
         pending : (k, d) runs whose values are still to come
-        budget : number of runs in all; the last third of them confirm
         """
         fitted, at = self, np.asarray(candidates, float)
         for point in np.asarray(pending, float):
             fitted = fitted.believing(point)
         found = []
         for _ in range(runs):
-            found.append(fitted._next(at, confirms=fitted.runs >= CONFIRMING * budget))
+            outlook = fitted.outlook(at)
+            value = outlook.feasibility
+            if outlook.best is not None:
+                incumbent = float(outlook.objective[outlook.best])
+                value = value * expected_improvement(outlook.objective, outlook.objective_sd, incumbent)
+            found.append(int(np.argmax(value)))
             fitted = fitted.believing(at[found[-1]])
         return found
-
-    def _next(self, candidates: Array, *, confirms: bool) -> int:
-        outlook = self.outlook(candidates)
-        best = outlook.best
-        if best is None:
-            return int(np.argmax(outlook.feasibility))
-        incumbent = float(outlook.objective[best])
-        gain = expected_improvement(outlook.objective, outlook.objective_sd, incumbent) * outlook.feasibility
-        if not confirms:
-            return int(np.argmax(gain))
-        is_within = (outlook.constraints <= outlook.limits[:, None]).all(axis=0)
-        aims = np.flatnonzero((outlook.objective < incumbent) & is_within)
-        if not len(aims):
-            return best
-        tried = [best, *aims[np.argsort(-gain[aims], kind="stable")[:TRIED]].tolist()]
-        reached = []
-        for candidate in tried:
-            after = self.believing(candidates[candidate]).outlook(candidates[aims])
-            reached.append(incumbent if after.best is None else float(after.objective[after.best]))
-        return tried[int(np.argmin(reached))] if min(reached) < incumbent else int(np.argmax(gain))
 
 
 def expected_improvement(mean: Array, sd: Array, incumbent: float) -> Array:

@@ -77,11 +77,10 @@ def runs_of(seed: int, factors: int = 2, count: int = 14) -> tuple[Values, Value
     return points, 5 + 3 * smooth_function(rng, factors)(points) + rng.normal(0, 0.3, count)
 
 
-@pytest.mark.parametrize("has_slope", [False, True])
 @pytest.mark.parametrize("blocks", [None, np.array([0, 1] * 7)])
-def test_the_gradient_is_that_of_the_loss(has_slope: bool, blocks: NDArray[np.int64] | None) -> None:
+def test_the_gradient_is_that_of_the_loss(blocks: NDArray[np.int64] | None) -> None:
     points, values = runs_of(1)
-    prior, values = Prior(points, blocks, has_slope, 0.01), (values - 5) / 3
+    prior, values = Prior(points, blocks, 0.01), (values - 5) / 3
     logs = prior.medians + np.linspace(-0.4, 0.6, len(prior.medians))
     ends = [[prior.loss(logs + sign * h, values)[0] for sign in (1, -1)] for h in 1e-5 * np.eye(len(logs))]
     assert prior.loss(logs, values)[1] == pytest.approx(
@@ -122,10 +121,9 @@ def test_far_from_runs_less_is_known() -> None:
     assert far > 3 * near
 
 
-@pytest.mark.parametrize("has_slope", [False, True])
-def test_an_assumed_run_changes_no_expectation_and_is_known_better(has_slope: bool) -> None:
+def test_an_assumed_run_changes_no_expectation_and_is_known_better() -> None:
     points, values = runs_of(7)
-    process, new = fit_process(points, values, has_slope=has_slope), np.array([[0.5, 0.5]])
+    process, new = fit_process(points, values), np.array([[0.5, 0.5]])
     after = process.believing(new)
     assert len(after.values) == 15
     assert after.predict(points)[0] == pytest.approx(process.predict(points)[0], rel=0.2)
@@ -244,7 +242,7 @@ def study(problem: Erosion, repeat: int, allowed: Values, budget: int = 24) -> t
     points = np.asarray(qmc.LatinHypercube(3, optimization="random-cd", rng=problem.rng).random(10))
     time, arcs = problem.run(points)
     while len(points) < budget:
-        more = allowed[Surrogates.fit(points, time, [(arcs, LIMIT)]).suggest(allowed, budget=budget)]
+        more = allowed[Surrogates.fit(points, time, [(arcs, LIMIT)]).suggest(allowed)]
         new_time, new_arcs = problem.run(more)
         points, time, arcs = np.vstack([points, more]), np.append(time, new_time), np.append(arcs, new_arcs)
     at = Surrogates.fit(points, time, [(arcs, LIMIT)]).outlook(allowed).nearest
