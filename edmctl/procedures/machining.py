@@ -10,14 +10,8 @@ from edmctl.planning.forecast import hole_time_s, working_order
 from edmctl.planning.measuring import FACE_LIMIT_UM
 from edmctl.planning.removal import hole
 from edmctl.procedures.channel.procedure import machine_path, record_left_channel
-from edmctl.procedures.hole.decision import (
-    Decision,
-    judge_holes,
-    missed,
-    open_site,
-    record_left,
-    record_results,
-)
+from edmctl.procedures.hole import decision as decisions
+from edmctl.procedures.hole.decision import Decision
 from edmctl.procedures.hole.knowledge import JobKnowledge
 from edmctl.procedures.hole.procedure import HoleProcedure
 from edmctl.procedures.hole.resuming import ResumedHole, check_last_hole
@@ -70,12 +64,12 @@ def run_job(
         pulses=True,
         store=store,
         self_test=True,
-        record_left=record_left if job.profile.path is None else record_left_channel,
+        record_left=decisions.record_left if job.profile.path is None else record_left_channel,
     ) as run:
         if job.profile.path is None:
             last = machine_sites(run)
-            record_results(run)
-            last = judge_holes(run, last)
+            decisions.record_results(run)
+            last = decisions.judge_holes(run, last)
         else:
             last = machine_path(run)
     if last is not None:
@@ -100,7 +94,7 @@ def _machine_left(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
         used_up = _used_up(run, knowledge, left[number:])
         if used_up is not None:
             return used_up
-        open_site(run, site)
+        decisions.open_site(run, site)
         decision = None
         if resumed is not None and resumed.begun and resumed.site == site.name:
             decision = ResumedHole(run, site, knowledge, limits).resume()
@@ -175,4 +169,4 @@ def _used_up(run: JobRun, knowledge: JobKnowledge, left: Sequence[Place]) -> Dec
         return None
     message = f"{why} Done: {len(run.tally.sites)}; left: {', '.join(run.tally.not_begun)}."
     run.warn(RunEvent.SITES_LEFT, message, {"left": len(left), "hint": hint})
-    return missed(message, hint, code)
+    return decisions.missed(message, hint, code)

@@ -27,15 +27,9 @@ from edmctl.procedures.channel.touching import (
     touch_untouched,
 )
 from edmctl.procedures.hole import cut_planning as planning
+from edmctl.procedures.hole import decision as decisions
 from edmctl.procedures.hole import resuming
-from edmctl.procedures.hole.decision import (
-    REMEDIES,
-    Decision,
-    judged_channel,
-    missed,
-    missed_by_fault,
-    not_shown,
-)
+from edmctl.procedures.hole.decision import Decision
 from edmctl.procedures.job import PERIOD_S, CutTotals, JobState, target_of
 from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.run import MACHINING, MEASURING, JobRun
@@ -101,7 +95,7 @@ class ChannelProcedure:
         self._run.tally.open_site = self._run.tally.unmeasured_site = ""
         if self._result is None:
             return None
-        result = judged_channel(self._target, self._result)
+        result = decisions.judged_channel(self._target, self._result)
         self.keep(replace(result, finished=True))
         return result
 
@@ -146,7 +140,7 @@ class ChannelProcedure:
                 f"{target.reached(result.depth_um, result.feed_um)}."
             )
             run.warn(RunEvent.TARGET_MISSED, message, {"wear_um": lost_um})
-            return missed(message, "Dress or change the tool, and machine the channel anew.")
+            return decisions.missed(message, "Dress or change the tool, and machine the channel anew.")
         enough_um = max(target.tolerance_um / 2.0, NOISE_FLOOR_SIGMAS * TOUCH_U_UM)
         if not last and target.depth_um - result.depth_um > enough_um:
             return None
@@ -155,15 +149,15 @@ class ChannelProcedure:
             f"Channel {result.depth_um:.2f} µm deep, {off} µm from the target, {uneven} along the path, after "
             f"{result.layers} layers in {result.passes} passes."
         )
-        verdict = judged_channel(target, result).verdict
+        verdict = decisions.judged_channel(target, result).verdict
         if verdict is Verdict.SHOWN:
             run.decide(RunEvent.TARGET_REACHED, message, {"depth_um": result.depth_um})
             return Decision(message)
         if verdict is Verdict.NOT_SHOWN:
-            message = f"{not_shown('The mean depth of the floor', target, result)}."
-            hint = REMEDIES[result.depth_basis]
+            message = f"{decisions.not_shown('The mean depth of the floor', target, result)}."
+            hint = decisions.REMEDIES[result.depth_basis]
             run.warn(RunEvent.VERDICT, message, {"hint": hint})
-            return missed(message, hint, NOT_SHOWN_CODE)
+            return decisions.missed(message, hint, NOT_SHOWN_CODE)
         run.warn(RunEvent.TARGET_MISSED, message, {"depth_um": result.depth_um})
         why = (
             f"The floor is {result.depth_um:.2f} µm deep on average, {off} µm from the target, and {uneven} "
@@ -176,7 +170,7 @@ class ChannelProcedure:
         """Return the end by a row of the faults, with what was reached."""
         depth_um = 0.0 if self._result is None else self._result.depth_um
         reached = f"a floor {depth_um:.2f} of {self._target.depth_um:g} µm deep"
-        decision = missed_by_fault(fault, f" The channel ended early ({message}) at {reached}.")
+        decision = decisions.missed_by_fault(fault, f" The channel ended early ({message}) at {reached}.")
         self._run.warn(RunEvent.TARGET_MISSED, decision.message, {"depth_um": depth_um})
         return decision
 

@@ -7,19 +7,9 @@ import math
 from edmctl.dataclasses import replace
 from edmctl.labels import Basis
 from edmctl.planning.measuring import FACE_LIMIT_UM
+from edmctl.procedures.hole import cut_planning as planning
 from edmctl.procedures.hole.cut import CutResult
-from edmctl.procedures.hole.cut_planning import (
-    CutPlan,
-    CutStart,
-    energy_of,
-    estimate_in_cut,
-    estimate_left,
-    expected_of_left,
-    lengths,
-    most_um_s,
-    with_cuts,
-    with_unseen,
-)
+from edmctl.procedures.hole.cut_planning import CutPlan, CutStart
 from edmctl.procedures.job import CutTotals, JobState, RegimeBegun, RunningCut
 from edmctl.procedures.run import MACHINING, MEASURING, JobRun
 from edmctl.procedures.touch.reading import SurfaceReading
@@ -123,7 +113,7 @@ class Hole:
     def learned(self) -> ErosionEstimate:
         """Return the estimate after the last stop, in the regime in use."""
         assert self.touched is not None
-        energy = energy_of(self._run.profile.pulse, self.total.since(self.regime.total))
+        energy = planning.energy_of(self._run.profile.pulse, self.total.since(self.regime.total))
         return self.estimate.fitted(
             None if self.interrupted else energy,
             self.touched.depth_um - self.regime.depth_um,
@@ -231,8 +221,10 @@ class Hole:
 
     def end_cut(self, cut: CutResult) -> None:
         assert self.plan is not None
-        run, energy = self._run, energy_of(self._run.profile.pulse, cut)
-        self.cut_estimate = estimate_in_cut(self.plan, cut.end_displacement_um, energy, run.keeper.time_s)
+        run, energy = self._run, planning.energy_of(self._run.profile.pulse, cut)
+        self.cut_estimate = planning.estimate_in_cut(
+            self.plan, cut.end_displacement_um, energy, run.keeper.time_s
+        )
         self.total = self.total.plus(cut)
         if not math.isnan(cut.gap_ratio_mean):
             self._gap_ratios.append((cut.time_s, cut.gap_ratio_mean))
@@ -258,7 +250,7 @@ class Hole:
             regime_wear_um=self.regime.wear_um,
             broken_cuts=self.broken_cuts + is_cutting,
         )
-        return with_cuts(state, run.tally.cut, self.total, self.total.number + is_cutting, estimate)
+        return planning.with_cuts(state, run.tally.cut, self.total, self.total.number + is_cutting, estimate)
 
     def leave(self) -> None:
         """Report by estimate a hole that was cut and not measured, when the job ends early."""
@@ -269,11 +261,11 @@ class Hole:
         if self.plan is not None:
             unseen_s = run.keeper.samples_late_s + run.setup.controller.watchdog_s
             machined_s = self.total.time_s + tally.cut.time_s
-            unseen_um = unseen_s * most_um_s(known, machined_s, run.profile)
+            unseen_um = unseen_s * planning.most_um_s(known, machined_s, run.profile)
         elif self.cut_estimate is None and resumed is not None:
-            unseen_um = expected_of_left(resumed, run.profile).unseen_um
+            unseen_um = planning.expected_of_left(resumed, run.profile).unseen_um
         is_confirmed = self.estimate.fits > 0 or self.stops > 0
-        left = with_unseen(known, unseen_um, self.estimate.wear_ratio, is_confirmed=is_confirmed)
+        left = planning.with_unseen(known, unseen_um, self.estimate.wear_ratio, is_confirmed=is_confirmed)
         before_um = self.found.depth_um if self.found else 0.0
         if tally.cut.time_s > 0.0:
             self.total = self.total.plus(tally.cut)
@@ -294,15 +286,15 @@ class Hole:
     def _estimate_at(self, now_s: float) -> DepthAndWear:
         run, cut = self._run, self._run.tally.cut
         if self.plan is not None and not math.isnan(cut.displacement_um):
-            energy = energy_of(run.profile.pulse, cut)
-            return estimate_in_cut(self.plan, cut.displacement_um, energy, now_s)
+            energy = planning.energy_of(run.profile.pulse, cut)
+            return planning.estimate_in_cut(self.plan, cut.displacement_um, energy, now_s)
         if self.cut_estimate is not None and run.tally.unmeasured_site == self.site.name:
             return self.cut_estimate
         if self.found is not None:
             return self.found
         if self.interrupted and run.job.resumed is not None:
-            return estimate_left(run.job.resumed)
-        return lengths()
+            return planning.estimate_left(run.job.resumed)
+        return planning.lengths()
 
 
 def model_u95_um(run: JobRun, found: DepthAndWear, creep_um: float) -> tuple[float, float]:

@@ -9,18 +9,10 @@ from edmctl.errors import MachineFault
 from edmctl.labels import Basis, marked
 from edmctl.planning.measuring import estimate_of
 from edmctl.planning.removal import recipes_of
+from edmctl.procedures.hole import decision as decisions
 from edmctl.procedures.hole.cut import Cut, CutEnd, CutResult
 from edmctl.procedures.hole.cut_planning import CutPlan, energy_of, first_plan, following_plan
-from edmctl.procedures.hole.decision import (
-    Decision,
-    close_site,
-    decide,
-    missed,
-    missed_by_fault,
-    refuse_wrong_setup,
-    report_end,
-    unfinished,
-)
+from edmctl.procedures.hole.decision import Decision
 from edmctl.procedures.hole.hole import Hole
 from edmctl.procedures.hole.knowledge import FirstSparkCheck, JobKnowledge, first_gap
 from edmctl.procedures.job import RegimeBegun
@@ -64,7 +56,7 @@ class HoleProcedure:
         decision = self._cut(plan)
         while decision.plan is not None:
             decision = self._cut(decision.plan)
-        close_site(self._run, settled=not self._knowledge.unmeasured)
+        decisions.close_site(self._run, settled=not self._knowledge.unmeasured)
         return decision
 
     def _cut(self, plan: CutPlan) -> Decision:
@@ -103,7 +95,7 @@ class HoleProcedure:
         start, limit = plan.start, self._limits.left().limit
         reached = self._hole.target.reached(start.depth_um, start.depth_um + start.wear_um)
         message = f" No time is left for cut {plan.number}: {limit}; the job ends at {reached}."
-        decision = missed_by_fault("TIMEOUT", message)
+        decision = decisions.missed_by_fault("TIMEOUT", message)
         args: Args = {"cut": plan.number, "depth_um": start.depth_um, "hint": decision.hint}
         self._run.warn(RunEvent.TARGET_MISSED, decision.message, args)
         return decision
@@ -130,7 +122,7 @@ class HoleProcedure:
             shared = knowledge.share_wear(hole, z3, plan, cut, live)
         found = self._learn(z2, z3, gap, shared)
         if plan.number == 1:
-            refuse_wrong_setup(self._run, hole.touched or found)
+            decisions.refuse_wrong_setup(self._run, hole.touched or found)
         return self._decide(plan.number, cut, found)
 
     def _read_pad(self, plan: CutPlan, cut: CutResult, more_u_um: float = 0.0) -> SurfaceReading:
@@ -203,7 +195,7 @@ class HoleProcedure:
         """Decide what follows a measurement cycle after `number` cuts; an earlier run made those without `cut`."""
         run, hole, knowledge = self._run, self._hole, self._knowledge
         gap_um, start = knowledge.gap.value, hole.next_start(knowledge.gap)
-        decision = decide(
+        decision = decisions.decide(
             run.profile,
             hole.target,
             number,
@@ -225,7 +217,7 @@ class HoleProcedure:
             {**_figures(found), "wear_ratio": found.wear_ratio, "gap_um": gap_um},
         )
         if decision.plan is None:
-            report_end(run, decision, found.depth_um)
+            decisions.report_end(run, decision, found.depth_um)
         else:
             run.decide(RunEvent.CUT_DECIDED, decision.message, {"feed_um": decision.plan.feed_um})
         return decision
@@ -304,12 +296,14 @@ class HoleProcedure:
         if through:
             decision = self.through(found)
         elif cut.end is not CutEnd.REACHED:
-            decision = unfinished(hole.target, cut, found.depth_um, found.feed_um)
+            decision = decisions.unfinished(hole.target, cut, found.depth_um, found.feed_um)
         else:
             sheet = f"The sheet of {hole.target.depth_um:g} µm did not break through"
             message = f"{sheet} within {found.depth_um:.1f} µm."
-            decision = missed(message, "Check work.thickness_um; a thicker sheet needs more stroke.")
-        report_end(run, decision, found.depth_um)
+            decision = decisions.missed(
+                message, "Check work.thickness_um; a thicker sheet needs more stroke."
+            )
+        decisions.report_end(run, decision, found.depth_um)
         return decision
 
     def through(self, found: DepthAndWear) -> Decision:

@@ -13,17 +13,9 @@ from contextlib import contextmanager
 
 from edmctl import failures
 from edmctl.errors import MachineFault, PreconditionError
+from edmctl.procedures.hole import cut_planning as planning
 from edmctl.procedures.hole.cut import NO_SPARK
-from edmctl.procedures.hole.cut_planning import (
-    STANDARD_UNCERTAINTIES,
-    ExpectedHole,
-    expected_of_finished,
-    expected_of_left,
-    is_untouched,
-    other_tool,
-    other_work,
-    through_plan,
-)
+from edmctl.procedures.hole.cut_planning import ExpectedHole
 from edmctl.procedures.hole.decision import Decision, close_site
 from edmctl.procedures.hole.hole import Hole
 from edmctl.procedures.hole.knowledge import JobKnowledge
@@ -56,7 +48,7 @@ class ResumedHole(HoleProcedure):
         hole = Hole(run, site, knowledge.surface, knowledge.estimate, z1, state.z1_u_um)
         hole.resume(state)
         super().__init__(run, hole, knowledge, limits)
-        self._state, self._expected = state, expected_of_left(state, run.profile)
+        self._state, self._expected = state, planning.expected_of_left(state, run.profile)
         run.tally.depth_um, run.tally.unmeasured_site = state.depth_um, site.name
         hole.keep(begun=True)
 
@@ -89,7 +81,7 @@ class ResumedHole(HoleProcedure):
         if run.job.restart_hole:
             self._restart(z3, found)
             return None
-        refuse_other(run, hole.site, expected, found, untouched=is_untouched(found))
+        refuse_other(run, hole.site, expected, found, untouched=planning.is_untouched(found))
         found = self._learn_resumed(z2, z3)
         decision = self._decide(max(1, hole.total.number), None, found)
         if decision.plan is None:
@@ -117,7 +109,7 @@ class ResumedHole(HoleProcedure):
         refuse_other(run, hole.site, expected, found)
         found = self._learn_resumed(bottom, pad)
         start = hole.next_start(self._knowledge.gap)
-        plan = through_plan(max(1, hole.total.number) + 1, start, target, self._knowledge.estimate)
+        plan = planning.through_plan(max(1, hole.total.number) + 1, start, target, self._knowledge.estimate)
         try:
             return self.cut_to_the_end(plan)
         except MachineFault as fault:
@@ -140,7 +132,7 @@ class ResumedHole(HoleProcedure):
         """Touch the pad (Z3), which may be `more_um` further than expected."""
         run, hole = self._run, self._hole
         z3_um = hole.z1.z_um + expected.estimate.wear_um
-        drift_um = STANDARD_UNCERTAINTIES * pause_drift_u_um(run.job)
+        drift_um = planning.STANDARD_UNCERTAINTIES * pause_drift_u_um(run.job)
         u_um = (expected.reach_um(expected.estimate.wear) + drift_um + more_um + BEYOND_UM) / BEYOND_SIGMAS
         with _journal_hint(run.job.pad, z3_um):
             z3 = read_pad(run, "Z3", hole.site.name, z3_um, u_um)
@@ -161,7 +153,7 @@ class ResumedHole(HoleProcedure):
         run, hole, knowledge = self._run, self._hole, self._knowledge
         restored, knowledge.surface = knowledge.surface, SurfacePlane(run)
         self._update_surface(z3)
-        if restored.touched and is_untouched(hole.measured(z2, z3)):
+        if restored.touched and planning.is_untouched(hole.measured(z2, z3)):
             knowledge.surface.touch_beside(hole.site, ToolLength(z3))
             knowledge.surface.keep()
             self._update_surface(z3)
@@ -173,7 +165,7 @@ class ResumedHole(HoleProcedure):
     def _restart(self, pad: SurfaceReading, found: DepthAndWear) -> None:
         """Restart the hole on an untouched surface, beside the finished holes that belong to it."""
         run, name, u95_um = self._run, self._hole.site.name, found.depth.u95
-        if not is_untouched(found):
+        if not planning.is_untouched(found):
             depth_um = with_u95(found.depth_um, u95_um)
             raise _refused(run, failures.face_not_untouched(site=name, depth_um=depth_um))
         if run.tally.sites:
@@ -188,9 +180,9 @@ class ResumedHole(HoleProcedure):
         run, hole, target = self._run, self._hole, self._hole.target
         found = hole.take_tip(pad.z_um + hole.face_um + target.depth_um + target.completion_um, pad)
         if expected.estimate.depth_um + expected.depth_reach_um < target.depth_um - target.tolerance_um:
-            raise _refused(run, other_work(hole.site, found, expected.estimate, begun=True))
+            raise _refused(run, planning.other_work(hole.site, found, expected.estimate, begun=True))
         if not expected.wear_fits(found):
-            raise _refused(run, other_tool(found, expected.estimate))
+            raise _refused(run, planning.other_tool(found, expected.estimate))
         self._knowledge.tool = ToolLength(pad)
         # The tip went further than the sheet is thick: an open hole is resumed.
         report_resumed(run, expected.estimate, target.depth_um, found.wear_um)
@@ -217,12 +209,12 @@ def check_last_hole(run: JobRun, knowledge: JobKnowledge) -> None:
 def _check_finished(run: JobRun, knowledge: JobKnowledge, pad: SurfaceReading) -> None:
     result = list(run.tally.sites.values())[-1]
     site = Place(result.name, result.x_um, result.y_um, result.theta_deg)
-    expected = expected_of_finished(result)
+    expected = planning.expected_of_finished(result)
     hole = Hole(run, site, knowledge.surface, knowledge.estimate, pad)
     bottom = _touch_bottom(run, site, pad.z_um + hole.face_um + result.depth_um, expected)
     found = hole.measured(bottom, pad)
     if not expected.depth_fits(found):
-        raise _refused(run, other_work(site, found, expected.estimate, begun=False))
+        raise _refused(run, planning.other_work(site, found, expected.estimate, begun=False))
     depths = f"{found.depth_um:.2f} µm deep; {result.depth_um:.2f} µm were expected"
     args = {"depth_um": found.depth_um, "expected_um": result.depth_um}
     run.decide(RunEvent.RESUMED, f"{site.name}, finished before, is {depths}.", args)
@@ -260,9 +252,9 @@ def refuse_other(
     """Raise PreconditionError E8060, E8061 if the touches contradict the journal by depth or by tool."""
     tool_fits = expected.tool_fits(found)
     if not expected.depth_fits(found) or (untouched and not tool_fits):
-        raise _refused(run, other_work(site, found, expected.estimate, begun=begun))
+        raise _refused(run, planning.other_work(site, found, expected.estimate, begun=begun))
     if not tool_fits:
-        raise _refused(run, other_tool(found, expected.estimate))
+        raise _refused(run, planning.other_tool(found, expected.estimate))
 
 
 def _refused(run: JobRun, error: PreconditionError) -> PreconditionError:
