@@ -12,7 +12,6 @@ from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.servo.adaptive import CLEAN_S, LONGEST_SHARE, PATIENCE, AdaptiveControl
 from edmctl.profile.model import Profile
 from edmctl.record.rows import RunEvent
-from tests.tiers import tiers
 
 from .conftest import CU270, Shop
 
@@ -213,7 +212,8 @@ def test_an_adaptive_reference_asks_for_jumps_well_above_its_target() -> None:
     assert len(cut.jumps_s) == 1
 
 
-@pytest.mark.parametrize("flush_s", tiers(2.0, slow=(0.5,)))
+@pytest.mark.slow
+@pytest.mark.parametrize("flush_s", [2.0, 0.5])
 def test_a_hole_is_made_faster_with_an_adaptive_reference_whatever_the_flushing(flush_s: float) -> None:
     same = {
         **{"target.depth_um": 25, "sim.flush_time_s": flush_s, "jump.mode": "off", "log.pulses": "off"},

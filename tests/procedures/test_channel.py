@@ -157,6 +157,7 @@ def test_the_depth_is_met_although_gap_and_wear_are_others_than_the_recipe_says(
     assert judged_channel(replace(goal, depth_um=TARGET_UM + 3.0), found).verdict is Verdict.MISSED
 
 
+@pytest.mark.slow
 def test_a_well_known_tool_is_measured_less_often(make: Callable[..., Made]) -> None:
     often = make("wear.ratio_u_rel=0.5", current_a=0.03)
     seldom = make("wear.ratio_u_rel=0.01", "work.removal_u_rel=0.01", current_a=0.003)

@@ -110,7 +110,7 @@ def test_a_pad_on_which_no_two_spots_agree_is_refused() -> None:
 
 
 def test_a_pad_reading_has_as_many_touches_as_the_recipe_says() -> None:
-    for touches in (1, 2, 3, 5):
+    for touches in (1, 5):
         shop = Shop((f"measure.touches={touches}",), seed=3006)
         run = armed(shop)
         condition(run)

@@ -127,7 +127,7 @@ def test_a_job_that_ends_early_names_the_holes_that_it_did_not_come_to() -> None
     assert RunEvent.SITES_LEFT in s.seen.codes
 
 
-@pytest.mark.parametrize("time_s", [30.0, 900.0])
+@pytest.mark.parametrize("time_s", tiers(30.0, slow=(900.0,)))
 def test_a_slow_rise_goes_further_than_a_step_by_its_creep(time_s: float) -> None:
     """The plant rises as slowly as a hole is fed; the estimate made before that is its end."""
     s = Shop()
