@@ -93,7 +93,6 @@ class Paused:
 
     number: int
     why: str
-    worn_tool: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,9 +131,9 @@ class StudyWriter(RowWriter):
         """Append a judgement of a run's last attempt."""
         self._add(Judged(run.planned.number, run.attempts, judgement, reason))
 
-    def paused(self, run: StudyRun, why: str, worn_tool: int | None = None) -> None:
+    def paused(self, run: StudyRun, why: str) -> None:
         """Append why the study stops before a run."""
-        self._add(Paused(run.planned.number, why, worn_tool))
+        self._add(Paused(run.planned.number, why))
 
     def on_machine(self, port: str) -> None:
         """Append the port of the machine on which the runs are made."""
@@ -348,10 +347,10 @@ class StudyState:
         """The plan of the study."""
         return self.folder.plan
 
-    def making_command(self, name: str, *words: str) -> str:
+    def making_command(self, name: str = "resume") -> str:
         """Return a command that makes runs, at the port of the machine on which they are made."""
         port = ["--port", self.rows.port] if self.rows.port else []
-        return self.folder.command(name, *port, *words)
+        return self.folder.command(name, *port)
 
     def run(self, number: int) -> StudyRun:
         """Return a run by its number. Raises UsageError E2104 where there is none."""

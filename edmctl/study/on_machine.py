@@ -212,12 +212,13 @@ class _Series:
     def _checked_tool(self, run: StudyRun) -> int:
         """Return the number of the tool in the machine. Raises PreconditionError E8204 if another one is due."""
         state = self.folder.read()
-        tool, made = _tool_in_use(state, run), _made(state)
+        made = _made(state)
+        tool = made[-1].tool if made else max(1, run.planned.tool)
         if self.new_tool and made:
             return max(tool + 1, run.planned.tool)
         if is_of_next_tool(state, run):
             holes = plural(sum(row.tool == tool for row in made), "hole")
-            self.writer.paused(run, f"tool {tool} is done")
+            self.writer.paused(run, f"tool {tool} is done; dress or change it, and add --new-tool")
             raise failures.tool_change_due(
                 tool=tool, holes=holes, number=run.planned.number, value=self._command()
             )
@@ -239,12 +240,10 @@ class _Series:
         return self.folder.read().runs[-1]
 
     def _stop(self, run: StudyRun, error: EdmError) -> NoReturn:
-        is_worn = error.code == WORN_OUT
-        worn_tool = _tool_in_use(self.folder.read(), run) if is_worn else None
-        self.writer.paused(run, f"{error.code}: {error.message}", worn_tool)
+        self.writer.paused(run, f"{error.code}: {error.message}")
         command = self._command() + (" --homed" if "--homed" in error.hint else "")
         hint = f"Continue with `{command}`: finished runs are kept, and an interrupted hole is resumed."
-        if is_worn:
+        if error.code == WORN_OUT:
             hint = f"Dress or change it, and continue with `{command} --new-tool`."
         error.hint = f"{JOB_RESUMED.sub('', error.hint).strip()} {hint}".strip()
         raise error
@@ -281,16 +280,6 @@ def next_run(state: StudyState) -> StudyRun | None:
     return next(begun, open_runs[0] if open_runs else None)
 
 
-def needs_new_tool(state: StudyState) -> bool:
-    """Return whether the next run waits for another tool: the last one is worn out or has made its holes."""
-    run, paused = next_run(state), state.rows.paused
-    if run is None or not state.rows.port or is_begun(state.folder, run):
-        return False
-    tool = _tool_in_use(state, run)
-    is_worn = paused is not None and (paused.number, paused.worn_tool) == (run.planned.number, tool)
-    return is_worn or is_of_next_tool(state, run)
-
-
 def is_of_next_tool(state: StudyState, run: StudyRun) -> bool:
     """Return whether a run is of a later tool than the runs before, by its own plan or by that of its block."""
     made = _made(state)
@@ -307,11 +296,6 @@ def is_of_next_tool(state: StudyState, run: StudyRun) -> bool:
 def _made(state: StudyState) -> list[RunRow]:
     """Return the last attempt at every run that was made, in the order in which they were made."""
     return sorted((run.row for run in state.runs if run.row is not None), key=lambda row: row.order)
-
-
-def _tool_in_use(state: StudyState, run: StudyRun) -> int:
-    made = _made(state)
-    return made[-1].tool if made else max(1, run.planned.tool)
 
 
 def is_begun(folder: StudyFolder, run: StudyRun) -> bool:

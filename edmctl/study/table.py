@@ -10,7 +10,6 @@ from edmctl.csv_text import number_of
 from edmctl.errors import RecordError, UsageError
 from edmctl.record.delimited import read_table
 from edmctl.study.folder import StudyState
-from edmctl.study.on_machine import needs_new_tool
 from edmctl.study.responses import LARGEST, RESPONSES, TRUTHS
 from edmctl.study.results import TRUTH, RunState, StudyRun
 from edmctl.study.study_file import Response
@@ -194,17 +193,12 @@ def in_words(runs: Sequence[StudyRun]) -> str:
 MOST_NAMED = 8
 
 
-def way_on(state: StudyState, command: str = "resume") -> str:
-    """Return the command that makes the open runs: at the study's machine, with --new-tool if it waits for one."""
-    return state.making_command(command, *(["--new-tool"] if needs_new_tool(state) else []))
-
-
 def what_next(state: StudyState, command: str = "resume") -> list[str]:
     """Return what people or the next command have to do, the most urgent first.
 
     command : the one that makes the open runs
     """
-    study, make = state.folder.command, way_on(state, command)
+    study, make = state.folder.command, state.making_command(command)
     open_runs, failed = (
         [run.planned.number for run in state.runs if run.state is kind]
         for kind in (RunState.OPEN, RunState.FAILED)
@@ -218,8 +212,7 @@ def what_next(state: StudyState, command: str = "resume") -> list[str]:
     if (last := state.rows.paused) is not None and last.number in open_runs:
         steps.append(f"Paused before run {last.number}: {last.why}")
     if open_runs:
-        when = ", with another tool or that one dressed" if needs_new_tool(state) else ""
-        steps.append(f"{plural(len(open_runs), 'run')} to make{when}: `{make}`.")
+        steps.append(f"{plural(len(open_runs), 'run')} to make: `{make}`.")
     if missing := missing_manual(state):
         names = ", ".join(dict.fromkeys(name for _, names in missing for name in names))
         runs, first = _numbers([number for number, _ in missing]), missing[0][1][0]

@@ -20,7 +20,7 @@ from edmctl.study.results import Judgement, RunKind, RunState
 from edmctl.study.running import bare_row, refuse_mixture
 from edmctl.study.study_file import read_study
 from edmctl.study.suggestions import next_batch, suggestions
-from edmctl.study.table import way_on, what_next
+from edmctl.study.table import what_next
 from tests.study.studies import HEAD, MACHINE, RANGES, RESPONSES, SMALL, come_to, made, written
 
 if TYPE_CHECKING:
@@ -176,28 +176,13 @@ def begun(folder: Path, numbers: Sequence[int], tool: int = 1) -> StudyFolder:
 
 def test_the_machine_of_a_study_is_named(tmp_path: Path) -> None:
     study = begun(tmp_path, [1, 2])
-    assert way_on(study.read()) == f"edmctl study resume {study.path} {on(tmp_path)}"
-    assert f"`{way_on(study.read())}`" in " ".join(what_next(study.read()))
-    (study.runs).mkdir()
-    (study.runs / "run0003.journal").touch()  # a hole that was begun
-    assert "--new-tool" not in way_on(study.read())
-
-
-def test_a_tool_that_is_done_is_changed_first(tmp_path: Path) -> None:
-    study = begun(tmp_path, [1, 2, 3, 4])
-    (told,) = [line for line in what_next(study.read(), "optimize") if "to make" in line]
-    assert "with another tool" in told
-    assert f"`edmctl study optimize {study.path} {on(tmp_path)} --new-tool`" in told
-
-
-def test_a_worn_tool_is_changed_until_another_one_was_used(tmp_path: Path) -> None:
-    study = begun(tmp_path, [1, 2])
+    command = f"edmctl study resume {study.path} {on(tmp_path)}"
+    assert study.read().making_command() == command
     with study.writer() as writer:
-        writer.paused(study.read().run(3), "E8043: worn", 1)
-    assert way_on(study.read()).endswith(" --new-tool")
-    with study.writer() as writer:
-        writer.run(replace(bare_row(study.read().run(3).planned, 1, None, datetime.now(UTC)), tool=2))
-    assert "--new-tool" not in way_on(study.read())
+        writer.paused(study.read().run(3), "E8043: worn")
+    steps = what_next(study.read())
+    assert steps[0] == "Paused before run 3: E8043: worn"
+    assert f"`{command}`" in steps[1]
 
 
 def test_the_command_that_was_called_is_named_again(tmp_path: Path) -> None:

@@ -213,7 +213,6 @@ def judge(
     """
     from edmctl.study.on_machine import is_begun, next_order
     from edmctl.study.running import lost_row
-    from edmctl.study.table import way_on
 
     study = opened(folder)
     if not reason.strip():
@@ -226,7 +225,7 @@ def judge(
             writer.run(replace(lost, order=next_order(study.read())))
         target = study.read().run(run)
     if target.row is None and judgement is not Judgement.REJECT:
-        raise failures.judged_run_not_made(run=run, study=way_on(study.read()))
+        raise failures.judged_run_not_made(run=run, study=study.read().making_command())
     with study.writer() as writer:
         writer.judged(target, judgement, reason)
     outcome.result = {"run": run, "attempt": target.attempts, "judgement": str(judgement), "reason": reason}
@@ -235,7 +234,7 @@ def judge(
     effect = {
         Judgement.ACCEPT: "its responses count",
         Judgement.REJECT: "it does not count; the row stays",
-        Judgement.REPEAT: f"`{way_on(state)}` makes it again, {again}",
+        Judgement.REPEAT: f"`{state.making_command()}` makes it again, {again}",
     }
     outcome.text = f"Run {run}: {judgement} ({reason}); {effect[judgement]}."
 

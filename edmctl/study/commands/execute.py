@@ -244,7 +244,6 @@ def _raise_failed(study: "StudyFolder", kind: RunKind | None = None) -> None:
 def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, add: AddOption = False) -> None:
     """Suggest the runs that the models expect most of; --add puts them into the study."""
     from edmctl.study.suggestions import suggestions
-    from edmctl.study.table import way_on
 
     study = opened(folder)
     state = study.read()
@@ -253,7 +252,7 @@ def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, ad
     else:  # writes nothing, not even a lock
         suggested = suggestions(state, count, shell())
     outcome.result = {"suggestions": suggested, "added": add}
-    after = f"Make them: `{way_on(study.read())}`." if add else "Nothing was added; --add does."
+    after = f"Make them: `{study.read().making_command()}`." if add else "Nothing was added; --add does."
     outcome.text = "\n".join([*(_suggestion(run, state) for run in suggested), after])
 
 
@@ -261,13 +260,12 @@ def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, ad
 def extend(outcome: Outcome, folder: FolderArgument, fold_over: FoldOverOption = False) -> None:
     """Add one more replicate of the design, or its fold-over, in a block of its own; `resume` makes the runs."""
     from edmctl.study.suggestions import extension_runs
-    from edmctl.study.table import way_on
 
     study = opened(folder)
     added = study.add(lambda state: extension_runs(state, shell(), is_folded=fold_over))
     outcome.result = {"added": added}
     what = "the fold-over" if fold_over else "a replicate"
-    runs, make = plural(len(added), "run"), way_on(study.read())
+    runs, make = plural(len(added), "run"), study.read().making_command()
     outcome.text = f"Added {runs}: {what} of the design. Make them: `{make}`."
 
 
