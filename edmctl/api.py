@@ -268,7 +268,7 @@ class Machine:
         call = _Options(**options)
         plan, count = self._plan(profile, call, JUMPS_ALONE), index(count)
         if count < 1:
-            raise failures.jump_count_too_small(count=count)
+            raise failures.count_too_small(count=count)
         return self._perform(Jumps(plan, count), call)
 
     @_with(RunOptions)

@@ -89,9 +89,9 @@ def run_id_without_folder(*, run_id: object) -> UsageError:
     )
 
 
-def jump_count_too_small(*, count: object) -> UsageError:
+def count_too_small(*, count: object) -> UsageError:
     return UsageError(
-        f"count is {count}: at least one jump has to be made.", hint="Ask for 1 or more.", code="E2000"
+        f"count is {count}, and at least one is needed.", hint="Ask for 1 or more.", code="E2000"
     )
 
 
@@ -121,10 +121,6 @@ def place_not_finite(*, place: object, most_um: float) -> UsageError:
         hint=f"Give x and y in µm, within ± {most_um:.0f}.",
         code="E2000",
     )
-
-
-def run_count_too_small(*, count: object) -> UsageError:
-    return UsageError(f"{count} runs cannot be asked for.", hint="Ask for 1 or more.", code="E2000")
 
 
 def no_profile_named() -> UsageError:
@@ -1011,17 +1007,9 @@ def waveform_time_not_ascending(*, row: object) -> RecordError:
     return RecordError(f"{row} is not later than the one before.", hint="Sort by t_s.", code="E3613")
 
 
-def record_voltage_constant(*, record: object, u_v: float) -> RecordError:
+def record_voltage_constant(*, record: object, what: object) -> RecordError:
     return RecordError(
-        f"{record}: the voltage is always {u_v:g} V.",
-        hint="Drive the actuator over its range; check which column is u_V.",
-        code="E3614",
-    )
-
-
-def record_voltage_is_noise(*, record: object, mean_v: float) -> RecordError:
-    return RecordError(
-        f"{record}: the voltage is noise about {mean_v:.4g} V.",
+        f"{record}: the voltage is {what}.",
         hint="Drive the actuator over its range; check which column is u_V.",
         code="E3614",
     )
@@ -1302,14 +1290,8 @@ def port_in_use(*, device: object, owner: object) -> LinkLost:
     )
 
 
-def several_controllers(*, there_count: object, named: object) -> LinkLost:
-    return LinkLost(f"{there_count} controllers answer.", hint=f"Say which: {named}.", code="E4007")
-
-
-def same_serial_number_twice(*, devices_count: object, wanted: object, named: object) -> LinkLost:
-    return LinkLost(
-        f"{devices_count} controllers say that they are {wanted}.", hint=f"Say which: {named}.", code="E4007"
-    )
+def several_controllers(*, count: object, how: object, named: object) -> LinkLost:
+    return LinkLost(f"{count} controllers answer{how}.", hint=f"Say which: {named}.", code="E4007")
 
 
 def simulated_controller_fails(*, name: object, message: object) -> LinkLost:
@@ -1602,26 +1584,10 @@ def no_sensor_fitted() -> PreconditionError:
     )
 
 
-def no_calibration_of_machine(*, serial: object, calibrate: object) -> PreconditionError:
+def no_calibration(*, serial: object, calibrate: object) -> PreconditionError:
     return PreconditionError(
-        f"No displacement sensor is fitted, and there is no calibration of {serial}.",
-        hint=f"Run `{calibrate}` once with a borrowed sensor, or name a file with --calibration.",
-        code="E8031",
-    )
-
-
-def no_calibration_named(*, serial: object, calibrate: object) -> PreconditionError:
-    return PreconditionError(
-        f"No displacement sensor is fitted, and no calibration of {serial} is named.",
-        hint=f"Run `{calibrate}` with a sensor, and name its file with --calibration.",
-        code="E8031",
-    )
-
-
-def no_calibration_for_machine(*, serial: object) -> PreconditionError:
-    return PreconditionError(
-        f"No displacement sensor is fitted and no calibration of {serial} was found.",
-        hint="Borrow a sensor, run `edmctl calibrate` once with it, and say --calibration FILE.",
+        f"No displacement sensor is fitted, and no calibration of {serial} was found.",
+        hint=f"Run `{calibrate}` once with a borrowed sensor, and name its file with --calibration.",
         code="E8031",
     )
 
@@ -1684,17 +1650,9 @@ def paper_table_out_of_range(*, error: object) -> PreconditionError:
     )
 
 
-def calibration_contradicted_by_swings(*, found: object) -> PreconditionError:
+def calibration_contradicted(*, evidence: object) -> PreconditionError:
     return PreconditionError(
-        f"The calibration is not this actuator's: its displacements need {found} to be those of the sensor during the conditioning swings.",
-        hint="Run `edmctl calibrate` here, or leave the calibration out.",
-        code="E8038",
-    )
-
-
-def calibration_contradicted_at_rest(*, over_um: float) -> PreconditionError:
-    return PreconditionError(
-        f"The calibration is not this actuator's: at 0 V the sensor shows the tool {over_um:.0f} µm nearer than it has home.",
+        f"The calibration is not this actuator's: {evidence}.",
         hint="Run `edmctl calibrate` here, or leave the calibration out.",
         code="E8038",
     )
@@ -1908,34 +1866,10 @@ def tool_was_replaced(*, label: object, replaced_by: object, reference_command: 
     )
 
 
-def tool_differs(*, tool: object, run_id: object, tool_before: object) -> PreconditionError:
+def tool_not_of_run(*, problem: object) -> PreconditionError:
     return PreconditionError(
-        f"{tool} is in the machine; {run_id} had {tool_before}.",
-        hint="Only the tool that began a hole can tell its own wear by touching. Machine it at another place or on new work.",
-        code="E8056",
-    )
-
-
-def tool_changed_since(*, tool: object, run_id: object) -> PreconditionError:
-    return PreconditionError(
-        f"{tool} was changed for a new one since {run_id}.",
-        hint="Only the tool that began a hole can tell its own wear by touching. Machine it at another place or on new work.",
-        code="E8056",
-    )
-
-
-def another_tool_since(*, tool: object, run_id: object, tool_before: object) -> PreconditionError:
-    return PreconditionError(
-        f"{tool} was in the machine since {run_id}, and not {tool_before}.",
-        hint="Only the tool that began a hole can tell its own wear by touching. Machine it at another place or on new work.",
-        code="E8056",
-    )
-
-
-def tool_used_since(*, tool: object, run_file: object, run_id: object) -> PreconditionError:
-    return PreconditionError(
-        f"{tool} has machined {run_file} since {run_id} was left.",
-        hint="Only the tool that began a hole can tell its own wear by touching. Machine it at another place or on new work.",
+        f"{problem}.",
+        hint="Only the tool that began a hole can measure its own wear by touching. Machine it at another place or on new work.",
         code="E8056",
     )
 
@@ -2072,17 +2006,9 @@ def no_compiler(*, install: object) -> PreconditionError:
     )
 
 
-def compiler_does_not_run(*, command: object, error: object) -> PreconditionError:
+def compiler_unusable(*, command: object, error: object) -> PreconditionError:
     return PreconditionError(
         f"The C compiler {command} does not run: {error}.",
-        hint="Name another one in CC, or unset it: then one of the system is taken.",
-        code="E8093",
-    )
-
-
-def cc_unusable(*, error: object, named: object) -> PreconditionError:
-    return PreconditionError(
-        f"CC names no C compiler: {error} in {named!r}.",
         hint="Name another one in CC, or unset it: then one of the system is taken.",
         code="E8093",
     )
@@ -2498,36 +2424,14 @@ def run_file_unreadable(*, path: object, reason: object) -> RunFileError:
     )
 
 
-def not_a_run_file(*, path: object) -> RunFileError:
+def not_a_run_file(*, path: object, what: object) -> RunFileError:
     return RunFileError(
-        f"{path} is an HDF5 file, but not a run file of edmctl.",
-        hint="Give a file that a run has written (.h5 or .h5.partial).",
-        code="E9005",
-    )
-
-
-def not_a_file(*, path: object) -> RunFileError:
-    return RunFileError(
-        f"{path} is no file.", hint="Give a file that a run has written (.h5 or .h5.partial).", code="E9005"
+        f"{path} {what}.", hint="Give a file that a run has written (.h5 or .h5.partial).", code="E9005"
     )
 
 
 def run_file_is_folder(*, path: object) -> RunFileError:
     return RunFileError(f"{path} is a folder.", hint=f"Try `edmctl run list {path}`.", code="E9005")
-
-
-def run_file_empty(*, path: object) -> RunFileError:
-    return RunFileError(
-        f"{path} is empty.", hint="Give a file that a run has written (.h5 or .h5.partial).", code="E9005"
-    )
-
-
-def run_file_not_hdf5(*, path: object) -> RunFileError:
-    return RunFileError(
-        f"{path} is not an HDF5 file.",
-        hint="Give a file that a run has written (.h5 or .h5.partial).",
-        code="E9005",
-    )
 
 
 def run_file_missing(*, path: object, remedy: object) -> RunFileError:
@@ -2606,20 +2510,6 @@ def output_exists(*, path: object, remedy: object) -> RunFileError:
     return RunFileError(f"{path} exists already and is not overwritten.", hint=f"{remedy}", code="E9011")
 
 
-def data_exists(*, path: object) -> RunFileError:
-    return RunFileError(
-        f"{path} exists already and is not overwritten.", hint="Choose another name.", code="E9011"
-    )
-
-
-def image_not_written(*, elf: object, why: object) -> RunFileError:
-    return RunFileError(
-        f"Cannot write {elf}: {why}.",
-        hint="Name a file in a folder that can be written with --output.",
-        code="E9012",
-    )
-
-
 def use_record_not_removed(*, path: object, reason: object) -> RunFileError:
     return RunFileError(
         f"Cannot remove {path}, which says how the actuator was used: {reason}.",
@@ -2636,14 +2526,6 @@ def calibration_name_too_long(*, path_count: object, longest_name: object) -> Ru
     return RunFileError(
         f"The name of the calibration file has {path_count} bytes; at most {longest_name} fit.",
         hint="Give --output a shorter name.",
-        code="E9012",
-    )
-
-
-def data_not_written(*, path: object, error: object) -> RunFileError:
-    return RunFileError(
-        f"Cannot write {path}: {error}.",
-        hint="Check that its folder exists, can be written and has space.",
         code="E9012",
     )
 
@@ -2675,14 +2557,6 @@ def not_a_table_of_rows(*, path: object) -> RunFileError:
 def run_file_in_use(*, path: object, reason: object) -> RunFileError:
     return RunFileError(
         f"{path} is in use: {reason}.", hint="Close it in that program, or read a copy.", code="E9016"
-    )
-
-
-def not_a_bench(*, path: object) -> RunFileError:
-    return RunFileError(
-        f"{path} is not the file of a bench.",
-        hint="Give the file of a bench, or a name that is free for a new one.",
-        code="E9020",
     )
 
 
@@ -3001,19 +2875,10 @@ def drift_file_of_another(*, path: object, owner: object, serial: object) -> Dia
     )
 
 
-def drift_file_without_date(*, path: object) -> Diagnostic:
+def drift_file_outdated(*, path: object, what: object) -> Diagnostic:
     return Diagnostic(
         "W8107",
-        f"{path} does not say when it was made, or says a time to come.",
-        "Drift is not corrected in this run. Run `edmctl measure-drift` here.",
-        is_warning=True,
-    )
-
-
-def drift_file_too_old(*, path: object, age: object, most_days: float) -> Diagnostic:
-    return Diagnostic(
-        "W8107",
-        f"{path} is {age} old; drift.max_age_days is {most_days:g}.",
+        f"{path} {what}.",
         "Drift is not corrected in this run. Run `edmctl measure-drift` here.",
         is_warning=True,
     )

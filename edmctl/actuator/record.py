@@ -188,7 +188,7 @@ def _check_time(record: Record) -> None:
 def _check_voltage(record: Record) -> None:
     span_v = float(np.ptp(record.u_v))
     if span_v <= 1e-9 * float(np.abs(record.u_v).max()):
-        raise failures.record_voltage_constant(record=record.name, u_v=record.u_v[0])
+        raise failures.record_voltage_constant(record=record.name, what=f"always {record.u_v[0]:g} V")
     if span_v > MOST_SPAN_V:
         raise failures.record_voltage_too_large(record=record.name, span_v=span_v)
 
@@ -210,7 +210,9 @@ def _check_sign(record: Record, y_um: Array) -> None:
     if correlation >= LEAST_CORRELATION or any(one >= LEAST_CORRELATION for one in later):
         return
     if float(np.std(record.u_v)) < 1.5 * noise_sd(record.u_v):
-        raise failures.record_voltage_is_noise(record=record.name, mean_v=record.u_v.mean())
+        raise failures.record_voltage_constant(
+            record=record.name, what=f"noise about {record.u_v.mean():.4g} V"
+        )
     raise failures.record_displacement_unrelated(record=record.name, correlation=correlation)
 
 

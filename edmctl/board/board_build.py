@@ -101,7 +101,8 @@ def build_board(
         image = read_image(elf)
         binary.write_bytes(image.data)
     except OSError as error:
-        raise failures.image_not_written(elf=error.filename or elf, why=error.strerror) from error
+        what, remedy = error.filename or elf, "Name a file in a folder that can be written with --output."
+        raise failures.output_not_written(what=what, why=error.strerror, remedy=remedy) from error
     return BoardBuild(image, elf, binary, version)
 
 

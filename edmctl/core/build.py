@@ -204,7 +204,7 @@ def compiler(named: str = "") -> tuple[str, ...]:
         try:
             return tuple(shlex.split(named))
         except ValueError as error:
-            raise failures.cc_unusable(error=error, named=named) from error
+            raise failures.compiler_unusable(command=named, error=error) from error
     if found := system_compiler():
         return (found,)
     if importlib.util.find_spec("ziglang") is not None:
@@ -218,7 +218,7 @@ def version_of(command: tuple[str, ...]) -> str:
     try:
         return next(iter(run_compiler([*command, "--version"]).splitlines()), "").strip()
     except CompilerFailed as error:
-        raise failures.compiler_does_not_run(command=shlex.join(command), error=error) from error
+        raise failures.compiler_unusable(command=shlex.join(command), error=error) from error
 
 
 class CompilerFailed(Exception):

@@ -98,8 +98,7 @@ def choose(
     path = find_kept("calibration", environ, setup.actuator.calibration, serial if lasting else None, option)
     if path is None:
         if not setup.sensor.fitted:
-            missing = failures.no_calibration_of_machine if lasting else failures.no_calibration_named
-            raise missing(serial=serial, calibrate=calibrate)
+            raise failures.no_calibration(serial=serial, calibrate=calibrate)
         swings = setup.actuator.conditioning_cycles
         model = "quick, from the conditioning swings" if swings else "none, without conditioning swings"
         return Choice(None, ModelUsed(alone=False, path=None, sha256=None, accepted=None, text=model))
@@ -210,10 +209,11 @@ def choose_drift(
     if file.made.serial != serial:
         warning = failures.drift_file_of_another(path=path, owner=file.made.serial, serial=serial)
     elif not age_s >= -CLOCK_STEP_S:
-        warning = failures.drift_file_without_date(path=path)
+        warning = failures.drift_file_outdated(path=path, what="states no date, or one to come")
     elif age_s > most_days * _DAY_S:
         age = plural(int(age_s / _DAY_S), "day")
-        warning = failures.drift_file_too_old(path=path, age=age, most_days=most_days)
+        what = f"is {age} old; drift.max_age_days is {most_days:g}"
+        warning = failures.drift_file_outdated(path=path, what=what)
     if warning is not None:
         return DriftChoice(warnings=(warning,))
     text = f"drift file {path} (sha256 {file.sha256[:SHORT_HASH]})"

@@ -54,7 +54,8 @@ def refuse_elsewhere(resumption: Resumption, bench: ConnectedMachine, lines: Seq
         raise failures.run_went_on(run_id=job.run_id)
     tool = resumption.state.tool
     if virtual is not None and virtual.tool_label != tool:
-        raise failures.tool_differs(tool=virtual.tool_label, run_id=job.run_id, tool_before=tool)
+        problem = f"{virtual.tool_label} is in the machine; {job.run_id} had {tool}"
+        raise failures.tool_not_of_run(problem=problem)
     refuse_used_tool(resumption, lines)
     if virtual is None and machine.hello.boot_count != job.boots and not resumption.homed:
         status = machine.status()
@@ -79,11 +80,13 @@ def refuse_used_tool(resumption: Resumption, lines: Iterable[Line]) -> None:
         elif not begun:
             continue
         elif isinstance(entry, ToolChanged) and entry.tool == tool:
-            raise failures.tool_changed_since(tool=tool, run_id=run_id)
+            raise failures.tool_not_of_run(problem=f"{tool} was changed for a new one since {run_id}")
         elif entry.tool != tool:
-            raise failures.another_tool_since(tool=entry.tool, run_id=run_id, tool_before=tool)
+            problem = f"{entry.tool} was in the machine since {run_id}, and not {tool}"
+            raise failures.tool_not_of_run(problem=problem)
         elif isinstance(entry, JobBegun) and not _was_idle(entry.run_file, lines[number + 1 :]):
-            raise failures.tool_used_since(tool=tool, run_file=entry.run_file, run_id=run_id)
+            problem = f"{tool} has machined {entry.run_file} since {run_id} was abandoned"
+            raise failures.tool_not_of_run(problem=problem)
 
 
 def _was_idle(run_file: str, later: Sequence[Line]) -> bool:

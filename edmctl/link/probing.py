@@ -65,7 +65,7 @@ def find(
         return there[0].port.device
     if there:
         named = "; ".join(f"--port serial:{a.hello.serial} ({a.port.device})" for a in there if a.hello)
-        raise failures.several_controllers(there_count=len(there), named=named)
+        raise failures.several_controllers(count=len(there), how="", named=named)
     raise failures.no_controller_answers(answers=_seen(answers), remedy=_where(answers))
 
 
@@ -88,7 +88,7 @@ def _by_controller(wanted: str, answers: Sequence[ProbedPort]) -> str:
         return devices[0]
     if devices:
         named = "; ".join(f"--port {device}" for device in devices)
-        raise failures.same_serial_number_twice(devices_count=len(devices), wanted=wanted, named=named)
+        raise failures.several_controllers(count=len(devices), how=f" as {wanted}", named=named)
     raise failures.controller_not_found(wanted=wanted, answers=_seen(answers), remedy=_where(answers))
 
 

@@ -67,7 +67,7 @@ def running(
     watch = Watch(recorder, duty_voltage_v, recorded_every(job.profile, job.setup), sensor=has_sensor)
     if not has_sensor:
         if job.calibration is None:
-            raise failures.no_calibration_for_machine(serial=machine.identity.serial)
+            raise failures.no_calibration(serial=machine.identity.serial, calibrate="edmctl calibrate")
         estimated = SensorlessMachine(machine, job.calibration, job.setup.actuator.gain_um_per_v)
         watch.estimate_with(estimated.tracker)
         machine = cast("Machine", estimated)
@@ -215,7 +215,10 @@ def _start_estimator(run: JobRun, block: TelemetryBlock) -> None:
             gain = tracker.estimator.gain
         if not DAY_GAINS[0] <= gain <= DAY_GAINS[1]:
             found = "no positive gain" if math.isnan(gain) else f"a gain of {gain:.3g}"
-            raise failures.calibration_contradicted_by_swings(found=found)
+            evidence = (
+                f"its displacements need {found} to be those of the sensor during the conditioning swings"
+            )
+            raise failures.calibration_contradicted(evidence=evidence)
     elif cycles:
         try:
             model, quick = identify_quick(record)

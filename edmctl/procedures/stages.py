@@ -192,7 +192,8 @@ def retract(run: JobRun) -> None:
         home = home_now(run)
         over_um, most_um = run.watch.displacement_um - home.um, most_over_um(run, home)
         if over_um < -SETTABLE_BELOW_UM and run.job.calibration is not None:
-            raise failures.calibration_contradicted_at_rest(over_um=-over_um)
+            evidence = f"at 0 V the sensor shows the tool {-over_um:.0f} µm nearer than it has home"
+            raise failures.calibration_contradicted(evidence=evidence)
         if over_um <= most_um and _is_home_set(run, home, over_um):
             break
         if run.machine.time_s > end_s:

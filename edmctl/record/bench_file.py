@@ -96,7 +96,7 @@ def read_bench(path: Path) -> State:
         raise failures.bench_unreadable(path=path, why=refused.strerror or refused) from refused
     kind, _, version = content.partition(b"\n")[0].partition(b" ")
     if kind != KIND or not version.isdigit():
-        raise failures.not_a_bench(path=path)
+        raise failures.bench_unreadable(path=path, why="it is not the file of a bench")
     if int(version) > SCHEMA:
         raise failures.bench_of_later_version(path=path, schema=int(version), own_schema=SCHEMA)
     if int(version) < SCHEMA:

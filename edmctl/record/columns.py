@@ -170,6 +170,7 @@ def write_columns(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> Non
     try:
         disk.write_new(path, content)
     except FileExistsError:
-        raise failures.data_exists(path=path) from None
+        raise failures.output_exists(path=path, remedy="Choose another name.") from None
     except OSError as error:
-        raise failures.data_not_written(path=path, error=disk.reason(error)) from error
+        remedy = "Check that its folder exists, can be written and has space."
+        raise failures.output_not_written(what=path, why=disk.reason(error), remedy=remedy) from error

@@ -289,13 +289,13 @@ def refuse_unreadable(path: Path) -> None:
         if path.is_dir():
             raise failures.run_file_is_folder(path=path)
         if path.exists() and not path.is_file():
-            raise failures.not_a_file(path=path)
+            raise failures.not_a_run_file(path=path, what="is no file")
         with open_regular(path) as file:
             begin = file.read(len(MAGIC))
         if not begin:
-            raise failures.run_file_empty(path=path)
+            raise failures.not_a_run_file(path=path, what="is empty")
         if begin != MAGIC:
-            raise failures.run_file_not_hdf5(path=path)
+            raise failures.not_a_run_file(path=path, what="is not an HDF5 file")
         refuse_locked(path)
         # Reading a file that is nearly all holes would not end.
         size_bytes, blocks = path.stat().st_size, getattr(path.stat(), "st_blocks", math.inf)
@@ -318,7 +318,7 @@ def refuse_foreign(path: Path, file: h5py.File) -> None:
     name, _, version = schema.partition("/")
     own_name, _, own = layout.SCHEMA.partition("/")
     if name != own_name or not version.isdigit():
-        raise failures.not_a_run_file(path=path)
+        raise failures.not_a_run_file(path=path, what="is an HDF5 file, but not a run file of edmctl")
     if int(version) > int(own):
         raise failures.run_file_of_later_version(path=path, schema=schema, own_schema=layout.SCHEMA)
     if int(version) < int(own):

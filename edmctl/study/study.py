@@ -117,7 +117,7 @@ class Study:
         Raises UsageError if `count` is below 1, PreconditionError E8209 to E8211 if nothing can be suggested.
         """
         if count < 1:
-            raise failures.run_count_too_small(count=count)
+            raise failures.count_too_small(count=count)
         open_runs = [run.planned for run in self._state().runs if run.state is RunState.OPEN][:count]
         return open_runs or self._added(lambda state: suggestions(state, count))
 
