@@ -479,7 +479,9 @@ def test_options_of_build_that_do_not_fit_are_refused(here: Here, options: tuple
 @pytest.mark.parametrize("compiler", BOARD_COMPILERS)
 def test_the_board_is_built_as_an_image_of_this_edmctl(here: Here, compiler: str) -> None:
     Path("images.d").mkdir()
-    said = here("firmware", "build", "--board", "stm32f4", "--compiler", compiler, "-o", "images.d", "--json")
+    settings = ("--set", "gap_full_a=12.5", "--set", "baud=1234567")
+    options = ("--board", "stm32f4", "--compiler", compiler, "-o", "images.d", *settings)
+    said = here("firmware", "build", *options, "--json")
     assert said.exit_code == 0, said.err
     built = said.document["result"]
     assert set(built["files"].values()) == {f"images.d/edmctl-stm32f4.{kind}" for kind in ("elf", "bin")}
@@ -492,6 +494,7 @@ def test_the_board_is_built_as_an_image_of_this_edmctl(here: Here, compiler: str
     for name in built["files"].values():
         found = here("firmware", "info", name, "--json").document["result"]["image"]
         assert (found["crc32"], found["size_bytes"]) == (built["crc32"], built["size_bytes"])
+        assert found["settings"] == pytest.approx({"EDM_GAP_FULL_A": 12.5, "EDM_BAUD": 1234567.0}, rel=1e-5)
     binary = Path(built["files"]["bin"])
     reset = int.from_bytes(binary.read_bytes()[4:8], "little")
     assert 0x0800_0000 < reset < 0x0800_0000 + binary.stat().st_size

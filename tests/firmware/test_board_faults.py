@@ -272,24 +272,6 @@ def spoil(rig: Rig, names: tuple[str, ...], random: Random, share: float) -> Non
                 memory[at] = random.getrandbits(8)
 
 
-@pytest.mark.parametrize(
-    "names", [*((name,) for name in (*NO_INIT, "backup")), (*NO_INIT, "backup")], ids="-".join
-)
-def test_memory_that_a_reset_finds_spoilt_starts_no_pulse(rig: Rig, names: tuple[str, ...]) -> None:
-    rig.derail(HANGS)
-    assert rig.ticks_until_off(3) == 1
-    spoil(rig, names, Random(1), 1.0)
-    assert rig.reset_within(WWDG_TICKS) == "WINDOW_WATCHDOG"
-    rig.boot_tells("WATCHDOG")
-    boots = rig.controller.boot_count
-    assert boots < 1000
-    rig.peer.hello()
-    read = rig.peer.command("BLACKBOX_READ", offset=0)
-    assert read.status == STATUS["OK"]
-    assert read.total <= 2048
-    rig.latched(RESET)
-
-
 def test_memory_spoilt_in_any_way_starts_no_pulse(rig: Rig) -> None:
     starts, random = rig.plant.drive.pulse_starts, Random(7)
     for cause in (ResetCause.WATCHDOG, ResetCause.EXTERNAL, ResetCause.BROWN_OUT, ResetCause.COMMANDED) * 6:
@@ -303,12 +285,6 @@ def test_memory_spoilt_in_any_way_starts_no_pulse(rig: Rig) -> None:
     assert rig.plant.drive.pulse_starts == starts
     rig.peer.hello()
     acts.settle(rig.peer)
-
-
-def test_a_brown_out_is_told_and_latched(rig: Rig) -> None:
-    rig.controller.reset(ResetCause.BROWN_OUT)
-    assert rig.ticks_until_off(1) == 0
-    rig.starts_anew("BROWN_OUT")
 
 
 def hangs_in_the_tick(rig: Rig) -> None:

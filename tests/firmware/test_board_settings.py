@@ -8,12 +8,13 @@ import pytest
 
 from edmctl.board.board_build import build_board
 from edmctl.board.emulated import controller_class, image
-from edmctl.board.image import Elf, read_image
+from edmctl.board.image import Elf
 from edmctl.board.settings import parse_settings, settings_in, settings_of
 from edmctl.core.boards import STM32F4
 from edmctl.core.build import source_folder
 from edmctl.errors import UsageError
 from edmctl.simulator import BenchConfig, open_bench
+from tests.firmware.image_bytes import image_bytes
 from tests.needs import EMULATOR
 
 if TYPE_CHECKING:
@@ -68,15 +69,10 @@ def test_what_is_wrong_is_refused_with_the_remedy(text: str) -> None:
     assert WRONG[text] in (caught.value.hint or "")
 
 
-@pytest.mark.needs("ziglang")
-def test_an_image_tells_what_was_set(tmp_path: Path) -> None:
-    """And bytes that look alike are passed over."""
-    made = build_board(STM32F4, tmp_path / "x.elf", "zig", settings=("gap_full_a=12.5", "baud=1234567"))
-    for file in (made.elf, made.bin):
-        image = read_image(file)
-        settings = {"EDM_GAP_FULL_A": 12.5, "EDM_BAUD": 1234567.0}
-        assert image.settings == image.as_mapping()["settings"] == settings
-    assert settings_in(b"xEDMS" + b"\xff" * 4 + b"\0EDMS\0" + made.image.data) == settings
+def test_settings_are_read_from_an_image_and_bytes_that_look_alike_passed_over() -> None:
+    image = image_bytes(settings="EDM_GAP_FULL_A=12.5 EDM_BAUD=1234567")
+    settings = {"EDM_GAP_FULL_A": 12.5, "EDM_BAUD": 1234567.0}
+    assert settings_in(b"xEDMS" + b"\xff" * 4 + b"\0EDMS\0" + image) == settings
     assert settings_in(b"EDMSEDM_X=1\0") == {"EDM_X": 1.0}
     assert settings_in(b"EDMSEDM_X=1") == {}  # cut off
     for text in ("EDM_X", "EDM_X=", "EDM_X=abc", "EDM_X=nan", "EDM_X=1_0", "1=2", "EDM_é=1", "EDM_X=1 y"):

@@ -123,20 +123,33 @@ def test_a_folder_that_takes_no_library_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("_quickly")
 @pytest.mark.expensive("compiles the library")
-def test_a_damaged_library_is_built_anew_and_a_false_one_told(
+def test_only_regular_sources_are_built_and_a_damaged_library_is_built_again(
     core: Build, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path))
+    """With a blank CC, and old folders of builds in the cache."""
+    sources, cache, digest = tmp_path / "firmware", tmp_path / "cache", build.digest_of("double")
+    shutil.copytree(build.source_folder(), sources, ignore=shutil.ignore_patterns("sim", "board"))
+    (sources / "plant" / ".#plant.c").symlink_to("user@host.1")
+    (sources / "plant" / ".plant.c").write_text("no C", encoding="utf-8")
+    (sources / "core" / "x.c").mkdir()
+    old, new = cache / "building-old", cache / "building-new"
+    for folder in (old, new):
+        folder.mkdir(parents=True)
+    os.utime(old, (0.0, 0.0))
+    monkeypatch.setattr(build, "source_folder", lambda: sources)
     monkeypatch.setattr(build, "packaged", lambda *_: tmp_path / "none")  # that of an editable installation
-    place = build.built().path
-    whole = place.read_bytes()
+    monkeypatch.setenv(build.CACHE_VARIABLE, str(cache))
+    monkeypatch.setenv("CC", "   ")
+    made = build.built()
+    assert (made.is_new, made.sources, old.exists(), new.exists()) == (True, digest, False, True)
+    whole = made.path.read_bytes()
     for spoilt in (whole[:20_000], whole[:20_000] + bytes(20_000) + whole[40_000:], core.path.read_bytes()):
-        place.write_bytes(spoilt)
-        assert not build.is_whole(place)
+        made.path.write_bytes(spoilt)
+        assert not build.is_whole(made.path)
     again = loaded.__wrapped__("double")
-    assert (again.build.is_new, again.real_bytes(), build.is_whole(place)) == (True, 8, True)
-    build.hash_file(place).unlink()
-    assert loaded.__wrapped__("double").build.is_new
+    assert (again.build.is_new, again.real_bytes(), build.is_whole(made.path)) == (True, 8, True)
+    build.hash_file(made.path).unlink()
+    assert not build.is_whole(made.path)
     false = tmp_path / "false-cc"
     false.write_text('#!/bin/sh\nfor last; do :; done\n[ "$1" = --version ] || echo no >"$last"\n')
     false.chmod(0o755)
@@ -144,6 +157,12 @@ def test_a_damaged_library_is_built_anew_and_a_false_one_told(
     with pytest.raises(PreconditionError, match="cannot be loaded") as caught:
         loaded.__wrapped__("double")
     assert caught.value.code == "E8094"
+    shutil.rmtree(sources)
+    with pytest.raises(
+        PreconditionError, match=r"sources of edmctl are absent .*: .*firmware: No such"
+    ) as caught:
+        build.digest_of("double")
+    assert (caught.value.code, "--force-reinstall edmctl" in caught.value.hint) == ("E8094", True)
 
 
 def test_a_wrong_library_of_the_package_stays_and_one_of_the_cache_is_used(
@@ -171,40 +190,6 @@ def test_a_whole_library_that_cannot_be_read_for_the_moment_stays(
     with pytest.raises(PreconditionError, match="Too many open files"):
         loaded.__wrapped__("double")
     assert build.is_whole(core.path)
-
-
-@pytest.mark.usefixtures("_quickly")
-@pytest.mark.expensive("compiles the library")
-def test_sources_are_regular_files_and_absent_ones_are_reported(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    sources, digest = tmp_path / "firmware", build.digest_of("double")
-    shutil.copytree(build.source_folder(), sources, ignore=shutil.ignore_patterns("sim", "board"))
-    monkeypatch.setattr(build, "source_folder", lambda: sources)
-    (sources / "plant" / ".#plant.c").symlink_to("user@host.1")
-    (sources / "plant" / ".plant.c").write_text("no C", encoding="utf-8")
-    (sources / "core" / "x.c").mkdir()
-    assert build.digest_of("double") == digest
-    assert build.built(environ={build.CACHE_VARIABLE: str(tmp_path / "cache")}).is_new
-    shutil.rmtree(sources)
-    with pytest.raises(
-        PreconditionError, match=r"sources of edmctl are absent .*: .*firmware: No such file"
-    ) as caught:
-        build.digest_of("double")
-    assert (caught.value.code, "--force-reinstall edmctl" in caught.value.hint) == ("E8094", True)
-
-
-@pytest.mark.usefixtures("_quickly")
-@pytest.mark.expensive("compiles the library")
-def test_a_blank_cc_is_none_and_old_folders_of_builds_are_removed(tmp_path: Path) -> None:
-    old, new = tmp_path / "building-old", tmp_path / "building-new"
-    for folder in (old, new):
-        folder.mkdir()
-        (folder / "left.o").write_bytes(b"")
-    os.utime(old, (0.0, 0.0))
-    made = build.built(environ={"CC": "   ", build.CACHE_VARIABLE: str(tmp_path)})
-    assert made.is_new
-    assert (old.exists(), new.exists()) == (False, True)
 
 
 def test_without_a_compiler_a_series_ends_before_its_first_run(

@@ -110,14 +110,6 @@ def test_what_no_count_can_tell_is_told_by_a_limit() -> None:
     assert (status.gap_v, status.monitor_v) == (327.675, -327.68)
 
 
-def test_damaged_frames_count_from_the_reset_on() -> None:
-    bench = open_bench(BenchConfig(), 1)
-    bench.controller.receive(b"\0damaged\0" * 12)
-    bench.controller.reset(m.ResetCause.EXTERNAL)
-    bench.controller.receive(asked(hello(), ARM) + b"\0damaged\0" * 10)
-    assert bench.controller.fault == 1003
-
-
 @pytest.mark.parametrize(("damaged", "fault"), [(9, 0), (10, 1003)])
 def test_damaged_frames_before_a_reset_count_no_more(damaged: int, fault: int) -> None:
     """Though the next host arms in the very call in which it comes."""

@@ -468,12 +468,6 @@ def test_a_period_of_one_second(code: ct.CDLL, on_us: float) -> None:
     assert sum(1 for r in seen if r.pulses == 0 and math.isnan(r.gap_v)) == len(seen) - 2
 
 
-def test_an_isopulse_ends_before_its_gate_time(code: ct.CDLL) -> None:
-    pulse = Pulse(41.3, 22.0, 30.0)
-    for one in pulses_of(Machine(code, pulse=lambda _: pulse).ticks(5)):
-        check_pulse(one, pulse, 130.435)
-
-
 def test_too_much_current_shows(code: ct.CDLL) -> None:
     machine = Machine(code, gain_a=2.0, pulse=lambda _: NORMAL)
     assert machine.ticks(3)[-1].generator_siemens == pytest.approx(2.0 * SIEMENS, rel=0.03)

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from edmctl.link import messages as m
-from edmctl.link.faults import FaultCode
-from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.session import CommandRefused
 from edmctl.simulator import BenchConfig
 
@@ -46,17 +44,6 @@ def test_command_sinks_while_hunting_and_the_sensor_stays(rig: RigMaker) -> None
     assert np.ptp(z[hunting].reshape(-1, 100).mean(axis=1)) < 0.3
 
 
-def test_an_abort_run_that_ends_in_a_later_read_acts_before_the_frame_behind_it(rig: RigMaker) -> None:
-    r = rig().arm()
-    controller = r.bench.controller
-    controller.receive(bytes(5))
-    hello = m.Hello(m.PROTO_MAJOR, m.PROTO_MINOR, 77, m.SCHEMA_HASH)
-    controller.receive(bytes(3) + encode_frame(m.Hello.ID, 0, 99, 0, hello.pack()))
-    first, *_ = FrameDecoder(watch_for_abort=False).feed(controller.link.take_output())
-    assert controller.fault == FaultCode.ABORT_RUN
-    assert m.Fault.unpack(first.payload).code == FaultCode.ABORT_RUN
-
-
 def test_no_ramp_is_faster_than_the_slew_limit_either_way(rig: RigMaker) -> None:
     r = rig().arm({"slew_limit_v_s": 50.0})
     r.session.request(m.TlmStart(1000, 14, m.PulseLog.OFF))
@@ -69,25 +56,6 @@ def test_no_ramp_is_faster_than_the_slew_limit_either_way(rig: RigMaker) -> None
     assert steps_v.min() == pytest.approx(-1.0, abs=0.05)
 
 
-def test_a_fault_is_not_cleared_while_its_cause_lasts(rig: RigMaker) -> None:
-    r = rig().arm().to_pad().start_sparking()
-    r.bench.plant.dielectric_level_ok = False
-    assert r.wait_fault(1.0).code == FaultCode.DIELECTRIC
-    r.session.pump(1.0)
-    with pytest.raises(CommandRefused):
-        r.session.request(m.ClearFault(FaultCode.DIELECTRIC))
-    r.bench.plant.dielectric_level_ok = True
-    r.session.request(m.ClearFault(FaultCode.DIELECTRIC))
-    assert r.bench.controller.state is m.State.IDLE
-
-
-def test_the_servo_decides_in_whole_milliseconds(rig: RigMaker) -> None:
-    r = rig()
-    with pytest.raises(CommandRefused) as grid:
-        r.session.request(m.SetParam(m.PARAMS["servo_period_us"].id, 1500))
-    assert grid.value.status == m.Status.OUT_OF_RANGE
-
-
 def test_the_generator_is_not_rewired_in_a_cut(rig: RigMaker) -> None:
     r = rig().arm().to_pad().start_sparking()
     r.session.pump(1.0)
@@ -96,17 +64,6 @@ def test_the_generator_is_not_rewired_in_a_cut(rig: RigMaker) -> None:
     with pytest.raises(CommandRefused) as refused:
         r.session.request(m.PulseConfig(130.0, 300.0, 100.0, 3.0, m.PulseMode.ISOFREQUENCY, 0.0))
     assert refused.value.status == m.Status.BAD_STATE
-
-
-def test_a_disarmed_stage_stops_where_it_is_and_says_so(rig: RigMaker) -> None:
-    r = rig().arm()
-    r.session.request(m.StageMove(m.Axis.X, 0, 1_000_000))
-    r.session.pump(2.0)
-    r.session.request(m.Disarm())
-    r.session.pump(0.5)
-    x_um = r.session.request(m.GetStatus()).x_um
-    assert x_um == pytest.approx(-3000.0, abs=20.0)
-    assert r.bench.plant.position_um[0] == pytest.approx(x_um, abs=3.0)
 
 
 def test_a_cut_ends_at_its_depth_limit_with_the_hole_in_the_work(rig: RigMaker) -> None:

@@ -273,17 +273,6 @@ def test_waveforms_that_are_not_those_of_the_fault_are_refused(rig: RigMaker) ->
             restored_bench(spoiled)
 
 
-def test_a_restored_controller_tells_its_serial_and_where_the_stages_are(rig: RigMaker) -> None:
-    r = rig(NEAR, seed=7)
-    cut(r)
-    before = r.session.request(m.GetStatus())
-    session = Session(restored_bench(bench_state(r.bench)).transport, Random(2))
-    assert session.open().serial == r.session.hello.serial == "SIM-7"
-    after = session.request(m.GetStatus())
-    assert (after.x_um, after.y_um, after.theta_deg) == (before.x_um, before.y_um, before.theta_deg)
-    assert after.theta_deg != 0.0
-
-
 def flat(state: Mapping[str, object], prefix: str = "") -> dict[str, Any]:
     """Every leaf by its dotted name."""
     leaves: dict[str, Any] = {}

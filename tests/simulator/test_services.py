@@ -41,18 +41,6 @@ def test_a_gap_voltage_at_closed_contact_is_seen_in_a_touch(rig: RigMaker) -> No
     assert r.wait_fault(60.0).code == FaultCode.GAP_SENSOR
 
 
-def test_the_test_wants_a_retracted_tool_and_permitted_pulses(rig: RigMaker) -> None:
-    r = rig()
-    assert refusal(r, m.SelfTest()) == m.Status.BAD_STATE
-    r.arm()
-    r.session.request(m.PulseEnable(0))
-    assert refusal(r, m.SelfTest()) == m.Status.BAD_STATE
-    r.session.request(m.PulseEnable(1))
-    r.session.request(m.PiezoSet(20.0, 100.0))
-    r.wait(m.EventCode.MOVE_DONE, 5.0)
-    assert refusal(r, m.SelfTest()) == m.Status.BAD_STATE
-
-
 def test_a_stage_stops_where_it_is(rig: RigMaker) -> None:
     r = rig().arm()
     assert refusal(r, m.StageStop()) == m.Status.BAD_STATE

@@ -53,7 +53,3 @@ def test_the_sensor_is_off_by_its_gain_error_and_its_noise() -> None:
     assert abs(rest.mean()) < 0.3
     assert np.diff(rest).std() / np.sqrt(2.0) == pytest.approx(0.15, rel=0.05)
     assert abs(gain - 1.0) > 1e-4
-
-
-def test_rest_stays_at_zero() -> None:
-    assert np.abs(VirtualActuator(3).drive(np.zeros(500)).truth_um).max() < 1e-6

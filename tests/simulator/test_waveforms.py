@@ -37,12 +37,6 @@ class Waveforms:
     v: NDArray[np.float64]
     a: NDArray[np.float64]
 
-    def of_pulse(self, start_us: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Voltage and current of the pulse that begins then, one period long."""
-        first = round(start_us - self.t0_us)
-        here = slice(max(0, first), first + int(PERIOD_US))
-        return self.v[here], self.a[here]
-
 
 def read(session: Session) -> Waveforms:
     """Every sample."""
@@ -79,46 +73,6 @@ def told_pulses(r: Rig) -> tuple[NDArray[np.float64], NDArray[np.void]]:
     return np.concatenate(starts), np.frombuffer(b"".join(p.records for p in r.pulses), TOLD)
 
 
-def crossing_us(values: NDArray[np.float64], level: float) -> tuple[float, float]:
-    """When a pulse first rises above a level and last falls below it: samples, interpolated."""
-    above = np.flatnonzero(values > level)
-    first, last = int(above[0]), int(above[-1])
-    rise = first - (values[first] - level) / (values[first] - values[first - 1]) if first else 0.0
-    fall = last + (values[last] - level) / (values[last] - values[last + 1])
-    return float(rise), float(fall)
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-def test_the_waveforms_are_those_of_the_pulses_that_telemetry_told(rig: RigMaker, seed: int) -> None:
-    r = cutting(rig, seed=seed)
-    kept = stopped(r)
-    starts_us, told = told_pulses(r)
-    fault_us = r.faults[0].t_us
-    first = np.searchsorted(starts_us, kept.t0_us - 1.5)
-    assert len(starts_us) - first == 64
-    lit = 0
-    for start_us, pulse in zip(starts_us[first:-1], told[first:-1], strict=True):
-        v, a = kept.of_pulse(start_us)
-        if start_us + ON_US > fault_us:
-            continue
-        assert v[-50:] == pytest.approx(0.0, abs=0.5), "no voltage between pulses"
-        if pulse["pulse_class"] == m.PulseClass.OPEN:
-            assert np.abs(a).max() < 0.005
-            assert v[10:120].mean() == pytest.approx(40.0, abs=0.1)
-            continue
-        lit += 1
-        begins_us, ends_us = crossing_us(a, 0.5 * a.max())
-        assert ends_us - begins_us == pytest.approx(0.1 * pulse["discharge_us"], abs=SAMPLE_US)
-        burning = v[int(begins_us) + 3 : int(ends_us) - 1]
-        if len(burning) > 20:
-            assert burning.mean() == pytest.approx(0.5 * pulse["plateau_v"], abs=0.5)
-        delay_us = 0.1 * pulse["delay_us"]
-        if delay_us > 2.0:
-            opened_us, _ = crossing_us(v, 20.0)
-            assert begins_us - opened_us == pytest.approx(delay_us, abs=SAMPLE_US)
-    assert lit >= 10
-
-
 def test_the_samples_are_the_same_whatever_telemetry_tells_and_without_it_too(rig: RigMaker) -> None:
     full, off = (stopped(cutting(rig, log)) for log in (m.PulseLog.FULL, m.PulseLog.OFF))
     assert np.array_equal(full.v, off.v)
@@ -137,16 +91,6 @@ def test_drawing_takes_no_random_number_from_the_machine(rig: RigMaker) -> None:
     after = bench_state(r.bench)
     assert before["plant"]["random"]["_noise"] == after["plant"]["random"]["_noise"]
     assert before["plant"]["stage_noise"] == after["plant"]["stage_noise"]
-
-
-def test_nothing_is_kept_without_a_fault_or_long_after_the_last_pulse(rig: RigMaker) -> None:
-    r = cutting(rig)
-    assert r.session.request(m.WaveformRead(0)).total == 0
-    r.session.request(m.ServoStop())
-    r.session.pump(0.2)
-    r.bench.inject(parse_injection("DOOR@0"))
-    r.wait_fault(1.0)
-    assert r.session.request(m.WaveformRead(0)) == m.WaveformReadReply(0, 0, 1000, 0, b"")
 
 
 def test_a_cut_that_stopped_just_before_the_fault_leaves_the_pulses_that_there_were(rig: RigMaker) -> None:
