@@ -157,7 +157,6 @@ class StudyPlan:
         return is_planned and run.kind in (RunKind.DESIGN, RunKind.CENTER)
 
     def response(self, name: str) -> ResponseInfo | None:
-        """Return a response by its name; None for one that the study does not ask for."""
         return next((one for one in self.responses if one.name == name), None)
 
 

@@ -118,51 +118,32 @@ def draw_main_effects(
 ) -> Figure:
     """Draw the mean by level of every factor, with the 95 % interval of each mean. Raises NothingToDraw."""
     check_varies(one)
-    keys = {factor.name: factor.key for factor in plan.factors}
-    bars = {}
-    for means in one.level_means:
-        under = one.anova.under(means.factor) if one.anova is not None else None
-        if under is None or not under.dof or not math.isfinite(under.mean_square):
-            continue
-        levels = [runs[row].planned.settings[keys[means.factor]] for row in one.used]
-        counts = np.array([levels.count(level) for level in means.levels])  # type: ignore[arg-type]
-        half = float(special.stdtrit(under.dof, 0.975)) * np.sqrt(under.mean_square / counts)
-        mean = np.array(means.means)
-        is_log = one.is_log
-        bars[means.factor] = np.array([mean * (1 - np.exp(-half)), mean * np.expm1(half)]) if is_log else half
-    return _means(plan, one.level_means, bars, printable(info.label), one.mean)
-
-
-def draw_noise_effects(plan: StudyPlan, one: ResponseAnalysis) -> Figure:
-    """Draw the mean signal-to-noise ratio by level of every factor. Raises NothingToDraw."""
-    check_varies(one)
-    if one.level_means and not one.noise_means:
-        raise NothingToDraw(
-            "The signal-to-noise ratio of a point is not defined: nominal is best needs replicates that differ, "
-            "the others need values that are not zero."
-        )
-    middle = float(np.mean([mean for of in one.noise_means for mean in of.means])) if one.noise_means else 0.0
-    return _means(plan, one.noise_means, {}, "S/N (dB)", middle)
-
-
-def _means(
-    plan: StudyPlan, table: Sequence[LevelMeans], bars: Mapping[str, Array], label: str, middle: float
-) -> Figure:
-    if not table:
+    if not one.level_means:
         raise NothingToDraw("Means by level need factors of a few levels, and these runs have none.")
-    labels = {factor.name: factor_label(factor) for factor in plan.factors}
-    width_mm = (COLUMN_MM - AXIS_MM) / min(MOST_COLUMNS, len(table))
-    names = [wrapped(labels[of.factor], width_mm) for of in table]
+    factors = {factor.name: factor for factor in plan.factors}
+    width_mm = (COLUMN_MM - AXIS_MM) / min(MOST_COLUMNS, len(one.level_means))
+    names = [wrapped(factor_label(factors[of.factor]), width_mm) for of in one.level_means]
     lines = max(name.count("\n") for name in names)
-    row_mm = 38.5 + 2.7 * lines + max(_turned_mm(of.levels, width_mm - 2.0) for of in table)
-    figure, panels = _panels(len(table), MOST_COLUMNS, row_mm, label)
-    for axes, of, name in zip(panels, table, names, strict=True):
-        axes.axhline(middle, color=GREY, linewidth=0.6, linestyle=DASHED)
-        axes.plot(range(len(of.means)), of.means, color=BLUE)
-        draw_points(axes, range(len(of.means)), of.means, bars.get(of.factor), BLUE)
+    row_mm = 38.5 + 2.7 * lines + max(_turned_mm(of.levels, width_mm - 2.0) for of in one.level_means)
+    figure, panels = _panels(len(one.level_means), MOST_COLUMNS, row_mm, printable(info.label))
+    for axes, of, name in zip(panels, one.level_means, names, strict=True):
+        axes.axhline(one.mean, color=GREY, linewidth=0.6, linestyle=DASHED)
+        axes.plot(of.means, color=BLUE)
+        levels = [runs[row].planned.settings[factors[of.factor].key] for row in one.used]
+        draw_points(axes, range(len(of.means)), of.means, _intervals(one, of, levels), BLUE)
         _levels_below(axes, of.levels, width_mm - 2.0)
         axes.set_xlabel(name)
     return figure
+
+
+def _intervals(one: ResponseAnalysis, of: LevelMeans, levels: Sequence[object]) -> Array | None:
+    """Return half-widths of the 95 % intervals of means, by the row that F compares with; None without an error."""
+    under = one.anova.under(of.factor) if one.anova is not None else None
+    if under is None or not under.dof or not math.isfinite(under.mean_square):
+        return None
+    means, counts = np.array(of.means), np.array([levels.count(level) for level in of.levels])
+    half = float(special.stdtrit(under.dof, 0.975)) * np.sqrt(under.mean_square / counts)
+    return np.array([means * -np.expm1(-half), means * np.expm1(half)]) if one.is_log else half
 
 
 def _cell_means(

@@ -113,10 +113,6 @@ def _response(parts: StudyReport, one: ResponseAnalysis) -> Parts:
         html.sentences(map(contents.sentence, one.notes)),
         *contents.analysis_of_variance(one),
     ]
-    if one.anova is not None and one.pooled is None:
-        enough = 2 * one.anova.error.dof >= one.anova.total.dof
-        why = "the error has enough degrees of freedom" if enough else "there are too few terms for that"
-        found.append(html.paragraph(f"Nothing is pooled: {why}.", "note"))
     used = [parts.analysis.runs[row].planned.settings for row in one.used]
     shown = {means.factor for means in one.level_means}
     varied = {factor.name for factor in plan.factors if len({repr(of[factor.key]) for of in used}) > 1}
@@ -149,11 +145,6 @@ def _pictures(parts: StudyReport, one: ResponseAnalysis, prefix: str) -> Iterato
             f"Main effects on {name}",
             f"Mean by level of each factor; the dashed line is the mean of all runs. {bars}.",
             partial(figures.draw_main_effects, plan, info, one, runs),
-        ),
-        "noise": (
-            f"Signal to noise of {name}",
-            "Mean signal-to-noise ratio by level of each factor; higher is better. The dashed line is the mean.",
-            partial(figures.draw_noise_effects, plan, one),
         ),
         "residuals": (
             f"Residuals of {name}",

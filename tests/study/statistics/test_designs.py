@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from edmctl.study.statistics.designs import (
-    LETTERS,
     array_for,
     arrays,
     box_behnken,
@@ -44,12 +43,6 @@ def test_every_array_is_what_its_name_says_and_pairwise_balanced(name: str) -> N
     assert list(arrays()[name].counts) == promised
     assert unbalanced_pairs(levels) == []
     assert len(np.unique(levels, axis=0)) == len(levels)
-
-
-def test_an_array_that_is_not_balanced_is_noticed() -> None:
-    levels = arrays()["L9 (3^4)"].levels.copy()
-    levels[0, 0] = 1
-    assert unbalanced_pairs(levels) == [(0, 1), (0, 2), (0, 3)]
 
 
 @pytest.mark.parametrize(
@@ -181,10 +174,6 @@ def test_aliases_are_columns_that_are_equal_or_opposite(generators: list[str]) -
 def test_a_generator_that_is_none(generators: list[str], said: str) -> None:
     with pytest.raises(ValueError, match=said):
         fraction_of(5, generators)
-
-
-def test_letters_leave_out_the_identity() -> None:
-    assert "I" not in LETTERS
 
 
 def test_samples_of_a_space() -> None:

@@ -19,7 +19,6 @@ from edmctl.study.statistics.linear_model import (
     model_matrix,
     pooled_anova,
     second_order,
-    term_name,
     with_interactions,
 )
 from tests.tiers import tiers
@@ -244,10 +243,6 @@ def test_a_factor_that_does_nothing_on_average_is_seldom_flagged_where_there_are
                 (flagged + (p < 0.05), plainly) if by_block else (flagged, plainly + (p < 0.05))
             )
     assert flagged <= 0.10 * count < plainly
-
-
-def test_names_of_terms() -> None:
-    assert [term_name(term) for term in second_order(["a"], ["b"])] == ["mean", "a", "b", "a × b", "a²"]
 
 
 def test_without_statsmodels_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

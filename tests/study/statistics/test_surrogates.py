@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from edmctl.study.statistics.surrogates import (
-    GaussianProcess,
     Prior,
     Surrogates,
     expected_improvement,
@@ -171,14 +170,6 @@ def test_values_that_do_not_differ() -> None:
     assert mean == pytest.approx(7, abs=1e-6)
     assert 0 < sd[0] < 1
     assert process.noise_sd >= 0.5
-
-
-def test_predictions_of_many_points_are_those_of_each() -> None:
-    process: GaussianProcess = fit_process(*runs_of(12))
-    points = np.random.default_rng(0).uniform(0, 1, (1100, 2))
-    whole, part = process.predict(points)[0], process.predict(points[700:702])[0]
-    assert whole[700:702] == pytest.approx(part, rel=1e-12)
-    assert process.predict(np.empty((0, 2)))[0].shape == (0,)
 
 
 LIMIT = float(np.log(0.05))
