@@ -21,7 +21,6 @@ from edmctl.board.first_start.person import VirtualHands
 from edmctl.machine.controller import LinkMachine
 from edmctl.profile.setup import Setup
 from edmctl.simulator import BenchConfig, VirtualBench
-from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import WIRING_MISTAKES, parse_injection
 from tests.cli.commands import ROOT, Here, Said
 from tests.needs import EMULATOR
@@ -212,17 +211,6 @@ def test_the_guard_of_the_mode_switch_is_named(
     assert set(cause["nets"]) == {"high voltage ok (PG2)", "mode switch (PF14)"}
 
 
-class Kept(Bench):
-    """A machine that stays the same from one command to the next."""
-
-    def __call__(self, config: BenchConfig, seed: int) -> VirtualBench:
-        if not self.made:
-            return super().__call__(config, seed)
-        (bench,) = self.made
-        bench.transport = MemoryTransport(bench.controller)
-        return bench
-
-
 @pytest.mark.parametrize("controller", ["firmware", "firmware-float", pytest.param("stm32", marks=EMULATOR)])
 def test_five_mistakes_at_once_are_all_named(here: Here, wired: Any, controller: str) -> None:
     five = ("ESTOP_DOOR_SWAPPED", "LEVEL_INVERTED", "CONTACT_INVERTED", "GAP_REVERSED", "SENSOR_OPEN")
@@ -234,24 +222,6 @@ def test_five_mistakes_at_once_are_all_named(here: Here, wired: Any, controller:
         assert {net for cause in causes for net in cause["nets"]} == NAMED[name][1]
     assert bench.made[-1].plant.drive.pulse_starts == 0
     assert bench.is_off()
-
-
-def test_a_machine_is_repaired_by_what_is_named(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
-    wrong = ["DOOR_BRIDGED", "GAP_HALF", "X_REVERSED", "MONITOR_REVERSED", "GATE_OPEN"]
-    kept = Kept(*wrong)
-    monkeypatch.setattr("edmctl.simulator.open_bench", kept)
-    for _ in range(len(wrong)):
-        said = here("first-start", "--yes", "--json", "--seed", "6")
-        failed = statuses(said, "fail")
-        assert failed, said.err
-        named = [name for name in wrong if NAMED[name][0] in failed]
-        assert len(named) == len(failed)
-        for name in named:
-            kept.made[0].controller.injector.mend(name)
-            wrong.remove(name)
-        if not wrong:
-            break
-    assert here("first-start", "--yes", "--json", "--seed", "6").exit_code == 0
 
 
 @pytest.mark.parametrize("call", ["ramp", "start_cut"])

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.simulator import BenchConfig, open_bench
-from edmctl.simulator.injection import parse_injection
+from edmctl.simulator import BenchConfig
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_state import STUCK_AT_CONTACT, STUCK_AT_GENERATOR
 from tests.conformance import acts
@@ -49,15 +48,6 @@ def test_a_gate_that_is_stuck_on_shows_where_the_generator_is_at_the_gap(
     assert math.isnan(plant.readings.gap_v)
 
 
-def test_a_switch_that_is_stuck_at_the_generator_hides_every_contact() -> None:
-    plant = Plant(BenchConfig(), 1)
-    plant.state.asperity_um = 1e12  # a wire from tool to work
-    for stuck, contact in ((0, 1), (STUCK_AT_CONTACT, 1), (STUCK_AT_GENERATOR, 0)):
-        plant.unit.mode_stuck = stuck
-        plant.advance(Told(), 2)
-        assert plant.readings.contact == contact
-
-
 def test_pulses_end_at_a_switch_that_is_stuck_at_the_contact_circuit() -> None:
     plant = Plant(BenchConfig(offset_um=3.0), 1)  # near enough for sparks
     plant.stage_lands(0, 0.0)
@@ -92,24 +82,3 @@ def test_the_controller_tells_the_switch() -> None:
     peer.event("JUMP_DONE", 10.0)
     acts.rest(peer)
     assert (drive.generator, drive.pulses_on) == (0, 0)
-
-
-def test_the_self_test_finds_a_gate_that_is_stuck_on_by_its_first_half() -> None:
-    line = InProcess()
-    peer, bench = Peer(line), line.bench
-    acts.settle(peer)
-    acts.arm(peer)
-    peer.ok("PULSE_ENABLE", on=1)
-    peer.ok("SELF_TEST")
-    peer.event("TEST_DONE", 1.0)
-    bench.inject(parse_injection("GATE_STUCK"))
-    peer.pump(0.2)
-    assert bench.controller.fault == 0  # nothing of it is at the gap yet
-    peer.ok("SELF_TEST")
-    fault = peer.fault(1.0)
-    assert fault["code"] == 3003
-    assert fault["detail"] == pytest.approx(1000.0 * bench.plant.unit.open_v * 0.3, rel=0.05)
-
-
-def test_a_bench_begins_with_the_contact_circuit_at_the_gap() -> None:
-    assert open_bench(BenchConfig(), 1).plant.drive.generator == 0

@@ -52,13 +52,6 @@ def test_fresh_work_under_a_flat_tool_sinks_as_one_disc_of_the_exact_area(place:
     assert print_of(work, *place).level_um == 60.0
 
 
-def test_a_hole_entered_half_a_micrometre_off_has_its_old_bottom_and_area() -> None:
-    work = Workpiece(CELL_UM)
-    print_of(work, 12.0, 34.0).settle(100.0)
-    again = print_of(work, 12.5, 33.6)
-    assert (again.level_um, again.sinking) == (100.0, 1.0)
-
-
 def test_a_tool_that_moves_loses_no_volume() -> None:
     chance = np.random.default_rng(3)
     work, removed, place = Workpiece(CELL_UM), 0.0, np.zeros(2)
@@ -106,12 +99,6 @@ def test_a_sheet_gives_way_from_the_middle_outwards_under_a_rounded_tip() -> Non
     gone = print_of(work, 0.0, 0.0, ROUND, 50.0)
     assert (gone.level_um, gone.rarity) == (math.inf, math.inf)
     assert work.region()[2].max() == 50.0
-
-
-def test_a_flat_tool_breaks_a_sheet_in_one_go() -> None:
-    footprint = print_of(Workpiece(CELL_UM), 0.0, 0.0, FLAT, 50.0)
-    assert footprint.table[0].tolist() == [50.0, math.inf]
-    assert footprint.table[2, 0] == math.inf
 
 
 def test_the_rim_of_a_through_hole_is_met_from_beside_it() -> None:
