@@ -89,10 +89,7 @@ class Channel:
         return found
 
     def measuring_s(self, setup: Setup, done: int = 0) -> float:
-        """Return the time of the job besides machining after the first `done` layers, s.
-
-        That is the surface before, and pad, floor and pad again at every measurement cycle.
-        """
+        """Return the time of the job besides machining after the first `done` layers: surface, pad and floor, s."""
         profile, path, offset_um = self.profile, self.path, self.profile.approach.offset_um
         across_um = (path.radius_um or 0.0) + (path.pitch_um or 0.0) * (path.turns or 0.0) / 2.0
         if path.kind == "rectangle":

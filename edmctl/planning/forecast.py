@@ -71,10 +71,7 @@ def working_order(profile: Profile, setup: Setup, places: Sequence[Place]) -> li
 
 @dataclass(frozen=True, slots=True)
 class _Visit:
-    """A hole of a job: its place, what an earlier run has made of it, the cuts that remain.
-
-    worn_um : wear of the tool by the holes before
-    """
+    """A hole of a job: place, what an earlier run has made, the remaining cuts, and the wear by holes before."""
 
     stand: Place
     hole: Hole
@@ -241,9 +238,6 @@ def forecast(
 
     Without places it is one hole beside the reference pad, or the channel of `[path]`. `reached` is the hole or
     channel that the job resumes: times, cuts, stops, pulses and `tool_wear_um` are of what remains.
-
-    Machining time follows the mean-voltage law of the pulse process (see `edmctl.process.discharge`) and counts
-    jumps; measuring time counts conditioning, approaches, touches and stage moves.
     """
     reached, recipes = reached or Reached(), recipes_of(profile)
     if profile.path is not None:

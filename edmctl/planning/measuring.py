@@ -88,9 +88,8 @@ def estimate_of(profile: Profile) -> ErosionEstimate:
 def planned_cuts(
     profile: Profile, setup: Setup, holes: Sequence[Hole], away_um: Sequence[float], *, plane: bool
 ) -> list[list[Cut]]:
-    """The cuts of every hole, in working order, each `away_um` from the reference pad.
-
-    `plane` says whether the face is touched at three places before.
+    """The cuts of every hole in working order, `away_um` from the pad; `plane`: the face is touched at three
+    places.
     """
     plan = _Plan(profile, setup)
     tilt = 1e-3 * setup.surface.tilt_u_mrad

@@ -196,10 +196,7 @@ def recipes_of(profile: Profile, depth_um: float | None = None) -> list[Recipe]:
 
 
 def ra_of_regimes_um(recipes: Sequence[Recipe]) -> float:
-    """Roughness Ra of the floor after these regimes, one after the other.
-
-    A thin last one leaves some of the craters before it: a floor shows those of its last µm (`SURFACE_UM`).
-    """
+    """Roughness Ra of the floor after these regimes: a floor shows the craters of its last µm (`SURFACE_UM`)."""
     end_um, craters, arcs, whole = recipes[-1].to_um, 0.0, 0.0, 0.0
     for recipe in recipes:
         to, since = (math.exp((um - end_um) / SURFACE_UM) for um in (recipe.to_um, recipe.from_um))
@@ -309,10 +306,7 @@ def completion(profile: Profile) -> float:
 
 
 def removal_um3_s(profile: Profile, depth_um: float) -> float:
-    """Work removed at the bottom of a hole or channel while sparking, µm³/s, on average until it is so deep.
-
-    The gap's steady state (`edmctl.process.steady_gap`), with the removal per energy that the profile states.
-    """
+    """Work removed while sparking, µm³/s, on average down to a depth, at the removal per energy that is stated."""
     gap, mean = expected_gap(profile, depth_um), expected_gap(profile, usual_depth_um(profile))
     stated = profile.work.removal_um3_per_uj / mean.removal_um3_per_uj
     return stated * gap.removal_um3_s * (1.0 - gap.side_share)
@@ -325,10 +319,7 @@ def feed_rate_um_s(profile: Profile, depth_um: float) -> float:
 
 
 def approach_speed_um_s(profile: Profile) -> float:
-    """Speed towards the spark gap: the profile's, unless sparks erode faster than that.
-
-    Then the tool would never catch up with what its first sparks remove, and find no gap at all.
-    """
+    """Speed towards the spark gap: the profile's, or faster than what the first sparks remove, to catch up."""
     feed_um_s = feed_rate_um_s(profile, 0.0)
     if feed_um_s <= profile.approach.speed_um_s:
         return profile.approach.speed_um_s
@@ -336,10 +327,7 @@ def approach_speed_um_s(profile: Profile) -> float:
 
 
 def machining_share(profile: Profile) -> float:
-    """Share of the machining time that is left beside the jumps.
-
-    What is lost after a jump, until the servo is back, the clean gap makes up for.
-    """
+    """Share of the machining time besides jumps; the cleaner gap makes up for the way back."""
     return max(1.0 - time_share_of_jumps(profile), LEAST_MACHINING_SHARE)
 
 

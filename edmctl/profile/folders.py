@@ -48,10 +48,7 @@ def as_value(path: Path) -> str:
 
 
 def find_profile(name_or_path: str, folder: Path = Path()) -> Path:
-    """Return the file of a profile: a path, relative to `folder`, or the name of a shipped profile.
-
-    Raises UsageError E2001 if there is neither.
-    """
+    """Return the file of a profile: a path relative to `folder`, or a shipped name. Raises UsageError E2001."""
     return _find(name_or_path, folder, "profile", shipped_profiles(), "E2001")
 
 
@@ -120,10 +117,7 @@ def _file_name(serial: str) -> str:
 
 
 def kept_path(kind: Kept, serial: str, environ: Mapping[str, str], *, lasting: bool = True) -> Path:
-    """Calibration or drift file of a machine.
-
-    That of a virtual machine that keeps no state (not `lasting`) is used only where it is named.
-    """
+    """Calibration or drift file of a machine; that of a virtual one without state is used only where named."""
     folder = data_folder(environ) / kind
     return (folder if lasting else folder / "fresh") / f"{_file_name(serial)}.toml"
 

@@ -172,11 +172,7 @@ class Pulse(Table):
 
 
 class Servo(Table):
-    """The gap servo.
-
-    The reference is stated once: as `reference` (share of the open mean voltage) or as `reference_v` (volts).
-    After loading, `reference` always holds the share.
-    """
+    """The gap servo. The reference is stated as share or in volts; after loading, `reference` is the share."""
 
     mode: Literal["relay", "pi"] = "relay"
     reference: float = entry(0.0, "mean gap voltage over its open value", gt=0.0, lt=1.0)

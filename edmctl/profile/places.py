@@ -45,11 +45,9 @@ class Place:
 def places(profile: Profile, base_folder: Path) -> tuple[Place, ...]:
     """Every place of a job in the order of the profile, none where it has no `[[sites]]`.
 
-    A grid goes row by row, each row in the same direction; a circle goes from x towards y. Places without a name
-    of their own are numbered, those of a grid or circle among themselves. Files are relative to `base_folder`.
-
-    Raises ProfileError for a file that cannot be read, with every wrong line of it, and for more than
-    `MOST_PLACES`.
+    A grid goes row by row, a circle from x towards y. Places without a name are numbered, those of a grid or circle
+    among themselves. Files are relative to `base_folder`. Raises ProfileError with every wrong line of a file, and
+    for more than `MOST_PLACES`.
     """
     found: list[Place] = []
     for entry, site in enumerate(profile.sites):
@@ -94,10 +92,7 @@ def _circle(circle: CircleSites) -> Iterator[tuple[float, float]]:
 
 
 def read_places_file(path: Path) -> list[tuple[PointSite, Location]]:
-    """Read the places of a CSV file and their lines, UTF-8 with commas; an empty cell stands for what is not given.
-
-    Raises ProfileError with every wrong line, or when there is no such file or no place in it.
-    """
+    """Read the places of a CSV file and their lines. Raises ProfileError with every wrong line, or without any."""
     wrong: list[Diagnostic] = []
     found: list[tuple[PointSite, Location]] = []
     columns: list[str] = []

@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 import sys
 import tomllib
-import unicodedata
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +22,7 @@ from edmctl.files import read_bytes
 from edmctl.profile.folders import find_profile
 from edmctl.profile.tables import NO_UNIT, KeyPath, TomlTable, in_unit_of_key, quantity
 from edmctl.toml_text import toml_value
-from edmctl.wording import code_point, shortened, with_hyphens
+from edmctl.wording import code_point, shortened
 
 Span: TypeAlias = tuple[int, int]
 
@@ -289,10 +288,8 @@ def _loads(text: str) -> tuple[TomlTable, int]:
 
 
 def _value_hint(line: str, column: int = 1) -> str:
-    """Return what to write instead of a line `key = value` that is not TOML; empty if no usual mistake is found.
-
-    Those are a decimal comma, a unit behind a number, and a character that looks like another one. `column` is that
-    of the syntax error.
+    """Return the remedy for a decimal comma, a unit behind a number, or a look-alike character; else an empty
+    text.
     """
     key, _, value = line.partition("=")
     if number := _DECIMAL_COMMA.fullmatch(value):
@@ -305,18 +302,8 @@ def _value_hint(line: str, column: int = 1) -> str:
     outside = _STRING_OR_COMMENT.sub("", line)
     for character in (line[column - 1 : column], *outside):
         if not character.isascii():
-            return f"{code_point(character)} is not TOML here: {_instead(character)}"
+            return f"{code_point(character)} is not TOML here: write plain ASCII, and texts in quotes"
     return ""
-
-
-def _instead(character: str) -> str:
-    if re.search("QUOTATION|PRIME|APOSTROPHE", unicodedata.name(character, "")):
-        return 'write "'
-    if with_hyphens(character) == "-":
-        return "write -"
-    if unicodedata.category(character) in ("Zs", "Zl", "Zp", "Cf"):
-        return "write a plain space, or remove it"
-    return "put texts in quotes"
 
 
 def read_chain(path: Path, children: tuple[Path, ...] = ()) -> Merged:
@@ -366,10 +353,7 @@ def _syntax_place(source: Source, message: str) -> tuple[Location, str]:
 
 
 def apply_overrides(below: Merged, overrides: Sequence[str]) -> Merged:
-    """Lay `key=value` texts over what files hold; a whole table as value replaces the table.
-
-    Values are TOML; a bare word becomes a text. Raises ProfileError with every malformed text.
-    """
+    """Lay `key=value` texts, values in TOML or bare words, over files. Raises ProfileError for malformed ones."""
     table, sources, lines = below.table, list(below.sources), list(below.changes)
     wrong: list[Diagnostic] = []
     for text in overrides:

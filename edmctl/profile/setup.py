@@ -202,10 +202,7 @@ def _box(table: str, limits: Stage | Surface, overrun_um: float = 0.0) -> Iterat
 
 
 def load_setup(path: Path | None = None) -> Setup:
-    """Load the machine's settings; without a path, those of the stock machine.
-
-    Files that they name are relative to their folder. Raises ProfileError with every diagnostic.
-    """
+    """Load a machine's settings, by default the stock ones. Raises ProfileError with every diagnostic."""
     if path is None:
         return Setup()
     source = read_source(path)

@@ -114,10 +114,7 @@ def split(key: str) -> tuple[str, Unit]:
 
 
 def quantity(value: object) -> tuple[float, Unit | None] | None:
-    """Return number and unit of a number, or of a text such as `20um`, `0.3 mm/min` or `55 %`; else None.
-
-    The unit of a number is None.
-    """
+    """Return number and unit of a text such as `20um`, `0.3 mm/min` or `55 %`, or a number and None; else None."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value), None
     match = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
@@ -129,10 +126,7 @@ def quantity(value: object) -> tuple[float, Unit | None] | None:
 
 
 def in_unit_of_key(key: str, number: float, unit: Unit) -> tuple[str, float] | None:
-    """Return key and number of a quantity as a file writes them; None if the unit does not fit the key.
-
-    A key without a unit gets the usual one of lengths, voltages, currents and frequencies.
-    """
+    """Return key, with the usual unit if it has none, and number as a file writes them; None if units differ."""
     own = split(key)[1]
     if own == NO_UNIT and (usual := _USUAL.get(unit.dimension)):
         own, key = usual, f"{key}_{usual.ending}"

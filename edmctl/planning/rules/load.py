@@ -104,13 +104,11 @@ RULES: tuple[Rule, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class LoadedProfile:
-    """A checked profile, and where it came from.
+    """A checked profile, and where it came from; `text` is the file verbatim.
 
-    `text` is the file verbatim. `sha256` is of the recipe in effect (after `extends`, `--set` and defaults),
-    `sim_sha256` of the `[sim]` table in effect: equal hashes mean equal jobs, however they were written. `places`
-    are those of `[[sites]]`, those from files too; none where the job is one hole or a channel. `forecast` is of the
-    job on the machine that it was checked for. `stated` is what files and overrides state; all else are defaults or
-    follows from it.
+    `sha256` is of the recipe in effect (after `extends`, `--set` and defaults), `sim_sha256` of the `[sim]` table:
+    equal hashes mean equal jobs. `places` are all of `[[sites]]`. `forecast` is of the job on the machine that it
+    was checked for. `stated` is what files and overrides state.
     """
 
     profile: Profile
