@@ -102,26 +102,21 @@ def stopping_signals(stop: StopRequest, abort: Callable[[], None]) -> Iterator[N
 
 @contextmanager
 def requests_by_signal(name: str) -> Iterator[Callable[[], bool]]:
-    """Give a question whether the signal `name` has come since the last time; never where the OS has none such."""
-    number, asked = getattr(signal, name, None), False
+    """Give a function that returns whether the signal `name` has come since its last call; never without such."""
+    requests: list[int] = []
+    number = getattr(signal, name, None)
 
-    def handle(_: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        asked = True
+    def was_requested() -> bool:
+        has_come = bool(requests)
+        requests.clear()
+        return has_come
 
-    def was_asked() -> bool:
-        nonlocal asked
-        answer, asked = asked, False
-        return answer
-
-    if number is None:
-        yield was_asked
-        return
-    before = signal.signal(number, handle)
+    before = signal.signal(number, lambda number, _: requests.append(number)) if number else None
     try:
-        yield was_asked
+        yield was_requested
     finally:
-        signal.signal(number, before)
+        if number:
+            signal.signal(number, before)
 
 
 def ignore_signals() -> None:
