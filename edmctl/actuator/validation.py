@@ -47,15 +47,9 @@ class ErrorFigures:
         max_um, rms_um, max_pct, rms_pct, range_um = zip(*map(astuple, figures), strict=True)
 
         def rms(values: Sequence[float]) -> float:
-            squares = (n * value**2 for n, value in zip(samples, values, strict=True))
-            return math.sqrt(sum(squares) / sum(samples))
+            return math.sqrt(float(np.average(np.square(values), weights=samples)))
 
         return cls(max(max_um), rms(rms_um), max(max_pct), rms(rms_pct), max(range_um))
-
-    @classmethod
-    def of(cls, errors_um: Array, displacement_um: Array) -> ErrorFigures:
-        """Figures of errors, shape (n,), on measured displacements, shape (n,)."""
-        return cls.over(errors_um, float(np.ptp(displacement_um)))
 
     @classmethod
     def over(cls, errors_um: Array, range_um: float) -> ErrorFigures:
@@ -135,7 +129,7 @@ def judge(
     if "zero" in refit:
         zero_um = mean_um - gain * centre_um
     errors_um = gain * predicted_um + zero_um - measured_um
-    return Validation(ErrorFigures.of(errors_um, measured_um), gain, zero_um, first)
+    return Validation(ErrorFigures.over(errors_um, float(np.ptp(measured_um))), gain, zero_um, first)
 
 
 REACH_SHARE = 0.01  # of the range; a play this far outside of where others were is not beyond them
@@ -145,7 +139,6 @@ SMOOTHNESS = (0.0, 1e-4, 1e-3)
 SMOOTHNESS_COST = 1.1
 """The smoothest model is taken that has at most this times the least held-out RMS error: swings beyond the
 records profit, and held-out blocks of the records cannot show it."""
-SQRT_2 = math.sqrt(2.0)
 CREEP_DECADES = math.log10(CREEP_TO_S / CREEP_FROM_S)
 BOOTSTRAP_SEED = 20090804  # fixed, so that the same record gives the same file
 
@@ -323,7 +316,7 @@ def bands_of(reduction: Reduction, best: Fit, held_out: ErrorFigures, resamples:
     gain_sd, width_sd, gamma_sd = np.std(drawn, axis=0) if drawn else np.zeros(3)
     gain, width, gamma = _shape(reduction.model(best.weights))
     missed_um = held_out.rms_um
-    missed = SQRT_2 * missed_um / held_out.range_um  # a difference of two displacements, of the range
+    missed = math.sqrt(2.0) * missed_um / held_out.range_um  # a difference of two displacements, of the range
     return Bands(
         displacement_sd_um=math.hypot(spread_um.mean(), missed_um),
         displacement_sd_max_um=math.hypot(spread_um.max(), missed_um),

@@ -241,7 +241,7 @@ def run_paper_trial(asked: Sequence[Waveform], start: Start, seed: int) -> Paper
         doubts += _slowed(waveform, driven)
         model_um = displacement(fitted, driven.applied_v, start)
         error_um = model_um - driven.sensor_um
-        figures = ErrorFigures.of(error_um, driven.sensor_um)
+        figures = ErrorFigures.over(error_um, float(driven.sensor_um.max() - driven.sensor_um.min()))
         truth = {"range_um": float(driven.truth_um.max() - driven.truth_um.min())}
         errors, read = ModelErrors.of(figures, fitted.fit.range_um), list[Reading]()
         if waveform.figure:

@@ -135,7 +135,7 @@ def home(
     ]
     tracker.learn(readings, alike=PIECES_ALIKE)
     left_um = (estimator.gain * y_um + estimator.offset_um - record.y_um)[first:]
-    return tracker, ErrorFigures.of(left_um, record.y_um)
+    return tracker, ErrorFigures.over(left_um, float(np.ptp(record.y_um)))
 
 
 class Trace:

@@ -47,27 +47,17 @@ def open_share(tau_over_on_time: float) -> float:
     return -x * math.expm1(-1.0 / x) if x > 0.0 else 0.0
 
 
-def burning_share(tau_over_on_time: float, longest_share: float) -> float:
-    """Mean share of the on-time that burns when a discharge is cut off after `longest_share` of it.
-
-    `E[min(t_set, t_on - t_d)] / t_on` for exponential delay; with `longest_share` 1 it is `1 - phi`.
-    """
-    x = tau_over_on_time
-    if x <= 0.0:
-        return longest_share
-    return longest_share - x * (math.exp(-(1.0 - longest_share) / x) - math.exp(-1.0 / x))
-
-
 def delay_over_on_time(level_s: float, rho: float, longest_share: float = 1.0) -> float:
     """Time constant of the ignition delay over the on-time at a servo level, where discharges end after a set share.
 
-    Solves `s = phi + rho * burning` by bisection; the level rises with it from `rho * longest_share` to 1.
+    Solves `s = phi + rho * E[min(t_set, t_on - t_d)] / t_on` by bisection; the level rises with it from
+    `rho * longest_share` to 1.
     """
     low, high, exp, expm1 = -6.0, 6.0, math.exp, math.expm1
     for _ in range(60):
         middle = 0.5 * (low + high)
         x = 10.0**middle
-        # `open_share` and `burning_share`, written out: forecasts solve this sixteen times.
+        # `open_share` is written out: forecasts solve this sixteen times.
         burning = longest_share - x * (exp(-(1.0 - longest_share) / x) - exp(-1.0 / x))
         if -x * expm1(-1.0 / x) + rho * burning < level_s:
             low = middle

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +13,6 @@ from edmctl.actuator.identification import Identification, identify
 from edmctl.actuator.model import ActuatorState
 from edmctl.actuator.record import Record
 from edmctl.actuator.screening import screened, settled
-from edmctl.actuator.validation import validate
 from edmctl.actuator.waveforms import sampled, sine, slow_legs
 from edmctl.simulator.actuator import HIGH_V, VirtualActuator
 from edmctl.simulator.actuator import RATE_HZ as SEEN_HZ
@@ -237,42 +234,3 @@ def test_two_loops_of_a_cycled_actuator_are_accepted() -> None:
     found = found_of(of_the_plant([0.0, 150.0, 0.0, 150.0, 0.0], seed=3, cycled=True))
     assert found.accepted, found.problems
     assert found.stroke_um == pytest.approx(401.0, abs=4.0)
-
-
-FOLDER = Path(os.environ.get("EDMCTL_MEASURED", "absent"))
-needs_measured = pytest.mark.skipif(not FOLDER.is_dir(), reason="EDMCTL_MEASURED names no folder")
-"""EDMCTL_MEASURED names a folder with `mixed_amplitude_1hz.csv` and `full_range_1hz.csv` (PICMA P-885, 200 Hz)."""
-
-
-def read_measured(name: str, first_s: float = 0.0, last_s: float = np.inf) -> Record:
-    t_s, u_v, y_um = np.loadtxt(FOLDER / name, delimiter=",", skiprows=1, usecols=(0, 1, 2)).T
-    inside = (t_s >= first_s) & (t_s < last_s)
-    return Record(t_s[inside], u_v[inside], y_um[inside], name=name)
-
-
-BARS_PCT = {"mixed_amplitude_1hz.csv": (1.26, 0.32), "full_range_1hz.csv": (1.71, 0.41)}
-"""Largest and RMS error of the rest of the record that is fitted, and of another."""
-
-
-@pytest.fixture(scope="module")
-def found_measured() -> Identification:
-    return identify([read_measured("mixed_amplitude_1hz.csv", 2.0, 33.0)])
-
-
-@needs_measured
-@pytest.mark.parametrize(
-    ("name", "first_s"), [("mixed_amplitude_1hz.csv", 33.0), ("full_range_1hz.csv", 0.0)]
-)
-def test_held_out_records_are_predicted(found_measured: Identification, name: str, first_s: float) -> None:
-    assert found_measured.accepted, found_measured.problems
-    errors = validate(found_measured.model, read_measured(name, first_s)).errors
-    most_pct, rms_pct = BARS_PCT[name]
-    assert round(errors.max_pct, 2) <= most_pct
-    assert round(errors.rms_pct, 2) <= rms_pct
-
-
-@needs_measured
-def test_the_whole_measured_record_is_accepted_too() -> None:
-    found = identify([read_measured("mixed_amplitude_1hz.csv")], resamples=0)
-    assert found.accepted, found.problems
-    assert validate(found.model, read_measured("full_range_1hz.csv")).errors.rms_pct <= 0.41

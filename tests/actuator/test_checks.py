@@ -1,8 +1,5 @@
 """What is said about records that are no records, and that nothing is said about good ones."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,12 +8,9 @@ from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record, check_record
 from edmctl.actuator.validation import validate
 from edmctl.errors import RecordError
-from edmctl.record.columns import read_record
 from tests.actuator.models import default_model
 
 Array = NDArray[np.float64]
-
-MEASURED = Path(os.environ.get("EDMCTL_MEASURED", "absent"))
 
 
 def loops(u_v: Array, um_per_v: float = 3.0) -> Array:
@@ -103,18 +97,6 @@ def test_a_rare_jump_out_of_a_small_servo_swing_is_no_limit() -> None:
     u_v = 75.0 + np.sin(0.05 * np.arange(20_000))
     u_v[9000:9060] += np.bartlett(60) * 60.0
     assert check_record(Record(np.arange(20_000) / 200.0, u_v, loops(u_v))) == ()
-
-
-@pytest.mark.parametrize("name", ["full_range_1hz.csv", "mixed_amplitude_1hz.csv"])
-def test_measured_records_pass_in_silence_and_are_recognised_in_other_units(name: str) -> None:
-    if not (MEASURED / name).exists():
-        pytest.skip("the measured record is not here")
-    record = read_record(MEASURED / name)
-    assert check_record(record) == ()
-    for factor, hint in ((1e-3, "mm: multiply it by 1000"), (1e3, "nm: multiply it by 0.001")):
-        with pytest.raises(RecordError, match="no displacement of an actuator") as refusal:
-            check_record(record._replace(y_um=factor * record.y_um))
-        assert hint in refusal.value.hint
 
 
 def with_two(values: Array, value: float) -> Array:

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.commands import ROOT, environment, in_a_shell
+from tests.cli.commands import ROOT, in_a_shell
 from tests.cli.test_documents import newcomer
-from tests.cli.warm_process import warm_process
 
 pytestmark = pytest.mark.slow
 
@@ -20,9 +19,8 @@ ROUNDING_UM = 0.0021
 
 
 def test_the_numbers_of_the_script_add_up(tmp_path: Path) -> None:
-    with warm_process(environment()) as warm:
-        folder, env = newcomer(tmp_path, warm)
-        done = in_a_shell("sh", str(SCRIPT), cwd=folder, env=env, timeout_s=300.0)
+    folder, env = newcomer(tmp_path)
+    done = in_a_shell("sh", str(SCRIPT), cwd=folder, env=env, timeout_s=300.0)
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
     lines = (folder / "results.jsonl").read_text(encoding="utf-8").splitlines()

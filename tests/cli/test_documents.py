@@ -15,7 +15,6 @@ import pytest
 
 from edmctl.exitcodes import MEANING
 from tests.cli.commands import ROOT, Here, environment, in_a_shell
-from tests.cli.warm_process import client, warm_process
 
 PAGES = [
     "README.md",
@@ -55,19 +54,15 @@ def files_of(page: str) -> dict[str, str]:
     return dict(re.findall(form, text_of(page), flags=re.DOTALL | re.MULTILINE))
 
 
-def newcomer(home: Path, warm: str = "") -> tuple[Path, dict[str, str]]:
-    """An empty folder, and an environment where `edmctl` and `python3` are those of the tests.
-
-    `edmctl` is a process of its own, or a copy of the one that listens at the socket `warm`.
-    """
+def newcomer(home: Path) -> tuple[Path, dict[str, str]]:
+    """An empty folder, and an environment where `edmctl` and `python3` are those of the tests."""
     folder, tools = home / "work", home / "bin"
     folder.mkdir(parents=True)
     tools.mkdir()
     script = '#!/bin/sh\nexec {} "$@"\n'
-    edmctl = client(warm) if warm else script.format(f"{sys.executable} -m edmctl")
-    for name, text in (("edmctl", edmctl), ("python3", script.format(sys.executable))):
+    for name, command in (("edmctl", f"{sys.executable} -m edmctl"), ("python3", sys.executable)):
         tool = tools / name
-        tool.write_text(text, encoding="utf-8")
+        tool.write_text(script.format(command), encoding="utf-8")
         tool.chmod(0o755)
     return folder, environment(PATH=f"{tools}{os.pathsep}{os.environ['PATH']}")
 
@@ -111,8 +106,8 @@ def test_every_command_of_the_pages_works(tmp_path: Path) -> None:
 
     One test: workers that share several out would each type all.
     """
-    with warm_process(environment()) as warm, ThreadPoolExecutor(len(PAGES)) as pool:
-        newcomers = [newcomer(tmp_path / str(number), warm) for number in range(len(PAGES))]
+    with ThreadPoolExecutor(len(PAGES)) as pool:
+        newcomers = [newcomer(tmp_path / str(number)) for number in range(len(PAGES))]
         failures = dict(zip(PAGES, pool.map(failures_of, PAGES, *zip(*newcomers, strict=True)), strict=True))
     assert {page: failed for page, failed in failures.items() if failed} == {}
 

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmctl.process.discharge import (
-    burning_share,
     delay_over_on_time,
     first_gap_u_um,
     first_sparks_um,
@@ -112,31 +111,25 @@ def test_what_users_machine_is_there() -> None:
     assert work >= {"steel", "Cu", "Ti-6Al-4V", "WC-Co"}
 
 
-def test_the_closed_forms_agree_with_drawn_delays() -> None:
+@pytest.mark.parametrize(("level", "rho", "cut"), [(0.6, 0.55, 1.0), (0.95, 0.55, 1.0), (0.8, 0.55, 0.3)])
+def test_drawn_delays_give_the_level_that_a_delay_was_found_for(level: float, rho: float, cut: float) -> None:
     import numpy as np
 
-    tau, cut = 0.7, 0.4
+    tau = delay_over_on_time(level, rho, cut)
     delays = np.random.default_rng(1).exponential(tau, 200_000)
-    assert open_share(tau) == pytest.approx(np.minimum(delays, 1.0).mean(), abs=3e-3)
-    assert burning_share(tau, cut) == pytest.approx(np.clip(1.0 - delays, 0.0, cut).mean(), abs=3e-3)
+    opened, burning = np.minimum(delays, 1.0).mean(), np.clip(1.0 - delays, 0.0, cut).mean()
+    assert open_share(tau) == pytest.approx(opened, abs=3e-3)
+    assert opened + rho * burning == pytest.approx(level, abs=3e-3)
 
 
 @given(st.floats(0.01, 100.0), st.floats(0.1, 0.9))
-def test_the_level_reads_back_as_the_burning_share(x: float, rho: float) -> None:
+def test_the_level_of_uncut_pulses_is_that_of_their_open_share(x: float, rho: float) -> None:
     assert delay_over_on_time(rho + (1.0 - rho) * open_share(x), rho) == pytest.approx(x, rel=1e-6)
-    assert burning_share(x, 1.0) == pytest.approx(1.0 - open_share(x), abs=1e-9)
 
 
 def test_a_closed_and_an_endless_gap_are_the_ends_of_the_scale() -> None:
     assert open_share(0.0) == 0.0
     assert open_share(1e9) == pytest.approx(1.0, abs=1e-6)
-
-
-def test_a_cut_isopulse_burns_less_at_the_same_level_than_an_uncut_one() -> None:
-    for level in (0.6, 0.8, 0.95):
-        uncut = (1.0 - level) / (1.0 - 0.55)
-        assert burning_share(delay_over_on_time(level, 0.55), 1.0) == pytest.approx(uncut, abs=1e-6)
-    assert burning_share(delay_over_on_time(0.8, 0.55, 0.3), 0.3) < 0.9 * 0.2 / 0.45
 
 
 def test_energy_and_removal_are_in_the_trades_units() -> None:
