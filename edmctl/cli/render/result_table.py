@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite, isnan
 from typing import TYPE_CHECKING
 
@@ -95,61 +95,51 @@ def render_sites(
 
 
 def _site_lines(pairs: Sequence[tuple[SiteResult, SiteTruth | None]], style: Style, columns: int) -> str:
-    bases = {basis for site, _ in pairs for basis in (site.depth_basis, site.wear_basis)}
-    table: dict[str, list[str]] = {
-        "site": [printable(site.name) for site, _ in pairs],
-        "depth µm": [
-            "through"
-            if site.through
-            else marked(with_u95(site.depth_um, site.depth_u95_um), site.depth_basis)
-            for site, _ in pairs
-        ],
-        "tool wear µm": [
-            marked(with_u95(site.wear_um, site.wear_u95_um), site.wear_basis) for site, _ in pairs
-        ],
-        "feed µm": [
-            marked(
-                with_u95(site.feed_um, site.feed_u95_um), basis_of("feed", site.depth_basis, site.wear_basis)
-            )
-            for site, _ in pairs
-        ],
-        "stops": [str(site.measuring_stops) for site, _ in pairs],
-        "machining": [duration(site.machining_time_s) for site, _ in pairs],
+    sites = [site for site, _ in pairs]
+    table = {
+        "site": [printable(site.name) for site in sites],
+        "depth µm": ["through" if site.through else _measured(site, "depth") for site in sites],
+        "tool wear µm": [_measured(site, "wear") for site in sites],
+        "feed µm": [_measured(site, "feed") for site in sites],
+        "stops": [str(site.measuring_stops) for site in sites],
+        "machining": [duration(site.machining_time_s) for site in sites],
     }
     if any(truth for _, truth in pairs):
         table["true µm"] = [decimal(truth.depth_um) if truth else UNKNOWN for _, truth in pairs]
-    if any(is_doubtful(site.verdict) for site, _ in pairs):
-        table["verdict"] = [site.verdict or "" for site, _ in pairs]
-    drift = _drift_of_many([site for site, _ in pairs], columns)
-    return "\n".join([render_table(narrowed(table, columns, FIRST_TO_GO), style), *meanings(bases), *drift])
+    if any(is_doubtful(site.verdict) for site in sites):
+        table["verdict"] = [site.verdict or "" for site in sites]
+    bases = {basis for site in sites for basis in (site.depth_basis, site.wear_basis)}
+    shown = render_table(narrowed(table, columns, FIRST_TO_GO), style)
+    return "\n".join([shown, *meanings(bases), *_drift_of_many(sites, columns)])
+
+
+def _measured(
+    site: SiteResult, key: str, head: str = "result", written: Callable[[float, float], str] = with_u95
+) -> str:
+    """Return depth, wear or feed with its interval, marked where the column's head does not say how it is known."""
+    um = written(getattr(site, f"{key}_um"), getattr(site, f"{key}_u95_um"))
+    return marked(um, basis_of(key, site.depth_basis, site.wear_basis), head)
 
 
 def _site_block(site: SiteResult, truth: SiteTruth | None, style: Style, columns: int) -> str:
     bases = (site.depth_basis, site.wear_basis)
     head = heading(bases)
     header = [printable(site.name), head]
-    depth_um, wear_um = length(site.depth_um, site.depth_u95_um), length(site.wear_um, site.wear_u95_um)
+    depth, wear, feed = ([key, _measured(site, key, head, length)] for key in ("depth", "wear", "feed"))
+    wear[0] = "tool wear"
     if site.through:
-        depth_um = length(site.beyond_exit_um, site.beyond_exit_u95_um)
-    depth = [BEYOND_EXIT if site.through else "depth", marked(depth_um, site.depth_basis, head)]
-    wear = ["tool wear", marked(wear_um, site.wear_basis, head)]
-    from_voltage = (
-        length(site.depth_model_um, site.depth_model_u95_um),
-        length(site.wear_model_um, site.wear_model_u95_um),
-    )
+        beyond_um = length(site.beyond_exit_um, site.beyond_exit_u95_um)
+        depth = [BEYOND_EXIT, marked(beyond_um, site.depth_basis, head)]
     # Without a sensor all lengths are the model's.
     if Basis.MODEL not in bases and isfinite(site.wear_model_um):
         header.append("from voltage")
-        depth.append(from_voltage[0])
-        wear.append(from_voltage[1])
+        depth.append(length(site.depth_model_um, site.depth_model_u95_um))
+        wear.append(length(site.wear_model_um, site.wear_model_u95_um))
+        feed.append("")
     if truth:
         header.append("truth")
-        depth.append(length(truth.depth_um))
-        wear.append(length(truth.wear_um))
-    feed_um = length(site.feed_um, site.feed_u95_um)
-    feed = ["feed", marked(feed_um, basis_of("feed", *bases), head)]
-    if truth:
-        feed += [""] * (len(header) - 3) + [length(truth.feed_um)]
+        for row, true_um in ((depth, truth.depth_um), (wear, truth.wear_um), (feed, truth.feed_um)):
+            row.append(length(true_um))
     others = [
         feed,
         ["Z1 surface before", length(site.z1_um)],
@@ -159,9 +149,7 @@ def _site_block(site: SiteResult, truth: SiteTruth | None, style: Style, columns
     if isfinite(site.face_um) and length(site.face_um) != length(0.0):
         others.append(["face below the pad", length(site.face_um)])
     # A channel has none of them.
-    rows = [depth, wear, *(row for row in others if row[1] != UNKNOWN)]
-    table = render_columns(header, rows, style)
-    drift = drift_in_words(site)
+    table = render_columns(header, [depth, wear, *(row for row in others if row[1] != UNKNOWN)], style)
     machining = f"{duration(site.machining_time_s)} in {plural(site.cuts, 'cut')}"
     if site.through:
         machining += ", through the sheet"
@@ -169,18 +157,19 @@ def _site_block(site: SiteResult, truth: SiteTruth | None, style: Style, columns
         machining += f"; the last {length(site.estimated_um)} were not touched"
         if length(site.z2_um) != UNKNOWN:
             machining += ", Z2 and Z3 are where contact would be"
-    lines = [table, labelled("machining", machining, _LABEL, columns)]
-    if drift:
-        lines.append(labelled("drift", drift, _LABEL, columns))
+    surface = ""
     if truth and isfinite(truth.taper_um):
-        wide = f"side gap {length(truth.side_gap_um)}, {length(truth.taper_um)} wider at the mouth"
         surface = (
-            f"{wide}, corner of {length(truth.corner_um)}, Ra {length(truth.ra_um)}, Rz {length(truth.rz_um)}"
+            f"side gap {length(truth.side_gap_um)}, {length(truth.taper_um)} wider at the mouth, "
+            f"corner of {length(truth.corner_um)}, Ra {length(truth.ra_um)}, Rz {length(truth.rz_um)}"
         )
-        lines.append(labelled("true surface", surface, _LABEL, columns))
-    if is_doubtful(site.verdict):
-        lines.append(labelled("verdict", f"{site.verdict}", _LABEL, columns))
-    return "\n".join([*lines, *meanings(bases, head)])
+    lines = [
+        ("machining", machining),
+        ("drift", drift_in_words(site)),
+        ("true surface", surface),
+        ("verdict", str(site.verdict) if is_doubtful(site.verdict) else ""),
+    ]
+    return "\n".join([table, *_lines(lines, columns, _LABEL), *meanings(bases, head)])
 
 
 def drift_in_words(found: SiteResult | ChannelResult) -> str:
@@ -232,24 +221,25 @@ def _pulses(site: SiteResult, columns: int) -> str:
 
 def _channel_block(channel: ChannelResult, truth: ChannelTruth | None, style: Style, columns: int) -> str:
     header = [channel.name, heading((channel.depth_basis, channel.wear_basis))]
-    depth = ["depth, mean", length(channel.depth_um, channel.depth_u95_um)]
-    floor = ["floor, rms about its mean", length(channel.floor_sd_um)]
-    wear = ["tool wear", length(channel.wear_um, channel.wear_u95_um)]
+    rows = [
+        ["depth, mean", length(channel.depth_um, channel.depth_u95_um)],
+        ["floor, rms about its mean", length(channel.floor_sd_um)],
+        ["tool wear", length(channel.wear_um, channel.wear_u95_um)],
+        ["length", length(channel.length_um)],
+    ]
     if truth:
         header.append("truth")
-        depth.append(length(truth.depth_um))
-        floor.append(length(truth.floor_sd_um))
-        wear.append(length(truth.wear_um))
-    table = render_columns(header, [depth, floor, wear, ["length", length(channel.length_um)]], style)
+        for row, true_um in zip(rows, (truth.depth_um, truth.floor_sd_um, truth.wear_um), strict=False):
+            row.append(length(true_um))
     passes = "1 pass" if channel.passes == 1 else f"{channel.passes} passes"
     made = f"{plural(channel.layers, 'layer')} in {passes}"
-    lines = {
-        "machining": f"{duration(channel.machining_time_s)}, {made}",
-        "pulses": f"{count(channel.pulses)}: {render_ratios(channel.ratios)}",
-        "drift": drift_in_words(channel),
-        "verdict": str(channel.verdict) if is_doubtful(channel.verdict) else "",
-    }
-    return "\n".join([table, *(labelled(name, text, 27, columns) for name, text in lines.items() if text)])
+    lines = [
+        ("machining", f"{duration(channel.machining_time_s)}, {made}"),
+        ("pulses", f"{count(channel.pulses)}: {render_ratios(channel.ratios)}"),
+        ("drift", drift_in_words(channel)),
+        ("verdict", str(channel.verdict) if is_doubtful(channel.verdict) else ""),
+    ]
+    return "\n".join([render_columns(header, rows, style), *_lines(lines, columns, 27)])
 
 
 def render_ratios(ratios: PulseShares, decimals: int = 2) -> str:
@@ -274,7 +264,7 @@ def render_run(run: RunSummary, style: Style = PLAIN) -> str:
             [(site, site.truth if site.truth.is_known else None) for site in run.sites], style, columns
         ),
         "\n".join(_lines(_numbers(run), columns)),
-        _moments("time line", run.moments, style, columns, f"edmctl run explain {run.file}"),
+        _moments("time line", run.moments, style, columns, f" (`edmctl run explain {run.file}` has them)"),
         _moments("faults and warnings", run.warnings, style, columns, ""),
         "" if run.warnings else "No faults, no warnings.",
         "\n".join(_lines(_file(run), columns)),
@@ -282,14 +272,22 @@ def render_run(run: RunSummary, style: Style = PLAIN) -> str:
     return "\n\n".join(filter(None, parts))
 
 
-def render_sentences(sentences: Sequence[Sentence], style: Style = PLAIN) -> str:
-    """Render a line per sentence, its time first."""
-    times = [duration(sentence.time_s) for sentence in sentences]
-    width = max((len(time) for time in times), default=0)
-    return "\n".join(
-        f"{style.paint(f'{time:>{width}}', Ink.FAINT)}  {sentence.text}"
-        for time, sentence in zip(times, sentences, strict=True)
-    )
+def render_sentences(
+    sentences: Sequence[Sentence], style: Style = PLAIN, columns: int | None = None, more: str = ""
+) -> str:
+    """Render the sentences, the time of each first; within `columns` those in the middle of many are left out."""
+    shown: list[Sentence | None] = list(sentences)
+    left_out = len(sentences) - MOST_MOMENTS
+    if left_out > 0 and columns:
+        shown[MOST_MOMENTS // 2 : -MOST_MOMENTS // 2] = [None]
+    times = [duration(one.time_s) if one else "" for one in shown]
+    width = max(map(len, times), default=0)
+    lines = []
+    for time, one in zip(times, shown, strict=True):
+        text = printable(one.text) if one else f"… {left_out} more{more}"
+        first, *others = wrapped(f"{time:>{width}}  {text}", columns, " " * (width + 2))
+        lines += [style.paint(first[:width], Ink.FAINT) + first[width:], *others]
+    return "\n".join(lines)
 
 
 def _head(run: RunSummary) -> list[tuple[str, str]]:
@@ -368,23 +366,11 @@ def _file(run: RunSummary) -> list[tuple[str, str]]:
     ]
 
 
-def _moments(title: str, moments: Sequence[Sentence], style: Style, columns: int, rest: str) -> str:
+def _moments(title: str, moments: Sequence[Sentence], style: Style, columns: int, more: str) -> str:
     if not moments:
         return ""
-    shown: list[Sentence | None] = list(moments)
-    left_out = len(moments) - MOST_MOMENTS
-    if left_out > 0:
-        shown[MOST_MOMENTS // 2 : -MOST_MOMENTS // 2] = [None]
-    times = [duration(moment.time_s) if moment else "" for moment in shown]
-    width = max(map(len, times))
-    lines = [style.paint(title, Ink.STRONG)]
-    more = f" (`{rest}` has them)" if rest else ""
-    for time, moment in zip(times, shown, strict=True):
-        text = printable(moment.text) if moment else f"… {left_out} more{more}"
-        first, *others = wrapped(f"{time:>{width}}  {text}", columns, " " * (width + 2))
-        lines += [style.paint(first[:width], Ink.FAINT) + first[width:], *others]
-    return "\n".join(lines)
+    return f"{style.paint(title, Ink.STRONG)}\n{render_sentences(moments, style, columns, more)}"
 
 
-def _lines(pairs: Sequence[tuple[str, str]], columns: int) -> list[str]:
-    return [labelled(label, printable(text), _RUN_LABEL, columns) for label, text in pairs if text]
+def _lines(pairs: Sequence[tuple[str, str]], columns: int, cells: int = _RUN_LABEL) -> list[str]:
+    return [labelled(label, printable(text), cells, columns) for label, text in pairs if text]
