@@ -21,6 +21,7 @@ from edmctl.cli.options import (
     SetupOption,
     command,
     controlled_by,
+    option,
     options_given,
     with_options_of,
 )
@@ -41,34 +42,22 @@ app.command("serve")(serve)
 USUAL_RUNS = 10
 RunsOption = Annotated[
     int | None,
-    typer.Option(
-        "--runs",
-        "-n",
-        metavar="N",
-        min=1,
-        max=MOST_RUNS,
-        help=f"Number of runs, with seeds one apart. Default: {USUAL_RUNS}.",
+    option(
+        "--runs -n N", f"Number of runs, with seeds one apart. Default: {USUAL_RUNS}.", min=1, max=MOST_RUNS
     ),
 ]
 SweepOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--sweep",
-        metavar="KEY=START:STOP:COUNT",
-        help="Make all runs for each of these values, or of a list, KEY=A,B,C. Repeatable: for all combinations.",
+    option(
+        "--sweep KEY=START:STOP:COUNT",
+        "Make all runs for each of these values, or of a list, KEY=A,B,C. Repeatable: for all combinations.",
         autocompletion=completion.swept,
     ),
 ]
-OutOption = Annotated[
-    Path | None,
-    typer.Option("--out", metavar="DIR", help="Write a run file of each run. Default: none."),
-]
-TableOption = Annotated[
-    Path | None, typer.Option("--table", metavar="FILE.csv", help="Write one row a case into a new file.")
-]
+OutOption = Annotated[Path | None, option("--out DIR", "Write a run file of each run. Default: none.")]
+TableOption = Annotated[Path | None, option("--table FILE.csv", "Write one row a case into a new file.")]
 FigureOption = Annotated[
-    Path | None,
-    typer.Option("--figure", metavar="FILE", help="Draw the cases into a new file: .png, .svg or .pdf."),
+    Path | None, option("--figure FILE", "Draw the cases into a new file: .png, .svg or .pdf.")
 ]
 
 
