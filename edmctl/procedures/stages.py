@@ -103,7 +103,7 @@ def _first_home(run: JobRun) -> Home:
     # Slow all the way: the way to contact includes no drift.
     contact_um, reach_um, hidden_um = below
     search = Search(rest_um, rest_um + contact_um + reach_um + BEYOND_PREDICTION_UM, _CHECK_TOUCHES, 0.0)
-    z_um = take_reading_in(run, "Zr", "the place where it stands", search).z_um
+    z_um = take_reading_in(run, "Zr", "the present place", search).z_um
     run.begin(Phase.RETRACTING)
     run.machine.ramp(0.0, retract_v_s(run.setup))
     rest_and_look(run, CREEP_LOOK_S)
@@ -221,7 +221,7 @@ def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> Prec
     zero_remedy += stages_by_hand()
     if home.hidden_um <= CLEAR_UM:
         problem, remedy = (
-            f"The tool stands {over_um:.1f} µm from home at 0 V; the stages may move below {most_um:.1f} µm only.",
+            f"The tool is {over_um:.1f} µm from home at 0 V; the stages may move below {most_um:.1f} µm only.",
             sensor_remedy,
         )
     else:
@@ -245,7 +245,7 @@ def move_to(run: JobRun, place: Place) -> None:
     retract(run)
     run.refuse_contact(
         " with the tool retracted; no stage was moved",
-        "Look whether the tool stands on something, and for a shorted continuity wire.",
+        "Check whether the tool rests on something, and for a shorted continuity wire.",
     )
     run.tally.here = "" if place.name in (PAD, PARKING) else place.name
     run.begin(Phase.MOVING)

@@ -255,15 +255,15 @@ def _short_ones_again(
 
 
 def learned_gap_um(
-    plan: PassPlan, done: PassResult, found: FloorReading, wear: ToolWear, believed_um: float
+    plan: PassPlan, done: PassResult, found: FloorReading, wear: ToolWear, assumed_um: float
 ) -> float:
-    """Return the mean gap between held tool and floor; `believed_um` if not held, or if all touches are in doubt."""
+    """Return the mean gap between held tool and floor; `assumed_um` if not held, or if all touches are in doubt."""
     gaps_um = [
         z2.z_um - _held_um(plan, done, wear, place.s_um)
         for place, z2 in zip(found.places, found.floor, strict=True)
         if z2.doubt_u_um == 0.0 and done.held
     ]
-    return math.fsum(gaps_um) / len(gaps_um) if gaps_um else believed_um
+    return math.fsum(gaps_um) / len(gaps_um) if gaps_um else assumed_um
 
 
 def _held_um(plan: PassPlan, done: PassResult, wear: ToolWear, s_um: float) -> float:

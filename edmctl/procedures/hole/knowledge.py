@@ -62,9 +62,10 @@ class Unmeasured:
 
 
 class JobKnowledge:
-    """What a job knows so far: removal and wear (`estimate`), plane of the workpiece surface, working gap to expect
-    (µm), length of the tool (None before it has touched the pad), readings of the pad, and cuts since the last of
-    them.
+    """What a job knows so far of tool, surface, erosion and working gap.
+
+    `estimate` is of removal and wear, `gap` the working gap to expect, µm; `tool` is None before it has touched the
+    pad. `pads` are the readings of the pad in this run, `unmeasured` the cuts since the last of them.
     """
 
     def __init__(self, run: JobRun) -> None:
@@ -147,7 +148,7 @@ class JobKnowledge:
         return shared[-1]
 
     def _unmeasured(self, hole: Hole, plan: CutPlan, cut: CutResult, live: LiveErosion) -> Unmeasured:
-        """The ratio of wear to depth errs alike in all cuts of a job; gap, scatter and energy do not."""
+        """Return the cut with its share of the wear, whose ratio errs alike in all cuts of a job."""
         assert self.tool is not None
         run, start = self._run, plan.start
         added_um = live.wear_um - start.wear_um

@@ -68,35 +68,35 @@ class Rests:
         creep_um = 0.5 * CREEP_SHARE * max(0.0, self._high_um - self._low_um)
         return Drift(shift_um - creep_um, share_u(CREEP_UM + creep_um))
 
-    def contradicting_um_s(self, believed_um_s: float) -> float:
+    def contradicting_um_s(self, stated_um_s: float) -> float:
         """Return the drift that contradicts the setup, over the whole run or over `RECENT_S`, µm/s; 0 if none."""
         if len(self._rests) < 2:
             return 0.0
         last_s, last_um = self._rests[-1]
         earlier = [zero for zero in self._rests if last_s - zero[0] >= RECENT_S]
         return max(
-            _contradicting(believed_um_s, last_s - time_s, self._less_creep(last_um - zero_um))
+            _contradicting(stated_um_s, last_s - time_s, self._less_creep(last_um - zero_um))
             for time_s, zero_um in (self._rests[0], earlier[-1] if earlier else self._rests[0])
         )
 
 
-def _contradicting(believed_um_s: float, span_s: float, seen: Drift) -> float:
+def _contradicting(stated_um_s: float, span_s: float, seen: Drift) -> float:
     """Return a drift that the setup does not explain, as its new standard uncertainty, µm/s; 0 if it does."""
-    allowed_um = SEEN_SDS * math.hypot(believed_um_s * span_s, seen.left_u_um)
+    allowed_um = SEEN_SDS * math.hypot(stated_um_s * span_s, seen.left_u_um)
     return abs(seen.um) / max(LEAST_SPAN_S, span_s) if abs(seen.um) > allowed_um else 0.0
 
 
-def contradicting_between_jobs_um_s(homes: Sequence[Zero], believed_um_s: float) -> float:
+def contradicting_between_jobs_um_s(homes: Sequence[Zero], stated_um_s: float) -> float:
     """Return the drift of the homes of earlier jobs, the oldest first, that contradicts the setup, µm/s.
 
-    `believed_um_s` is stated by the setup. A larger step is a sensor that was set anew, and a time that goes back a
+    `stated_um_s` is stated by the setup. A larger step is a sensor that was set anew, and a time that goes back a
     clock that was: the newest consistent homes that are far enough apart count. Homes without a time (NaN) are
     consistent with no others.
     """
     together: list[list[Zero]] = []
     for time_s, um in homes:
         before_s, before_um = together[-1][-1] if together else (math.nan, math.nan)
-        most_um = HOMES_ALIKE_UM + DRIFT_SDS * believed_um_s * (time_s - before_s)
+        most_um = HOMES_ALIKE_UM + DRIFT_SDS * stated_um_s * (time_s - before_s)
         if time_s >= before_s and abs(um - before_um) <= most_um:
             together[-1].append((time_s, um))
         else:
@@ -105,7 +105,7 @@ def contradicting_between_jobs_um_s(homes: Sequence[Zero], believed_um_s: float)
         (first_s, first_um), (last_s, last_um) = since[0], since[-1]
         if last_s - first_s >= HOMES_APART_S:
             drift = Drift(last_um - first_um, share_u(CREEP_UM))
-            return _contradicting(believed_um_s, last_s - first_s, drift)
+            return _contradicting(stated_um_s, last_s - first_s, drift)
     return 0.0
 
 
@@ -130,9 +130,9 @@ def uncertainty_now(job: Job, rests: Rests) -> Displacement:
     """Return the same with the drift of the rests if that is more, and that between tool and workpiece."""
     sensor_u = displacement_uncertainty(job)
     apart_um_s = job.drift.apart_u_um_per_s if job.drift is not None else 0.0
-    believed_um_s = sensor_u.drift_u_um_per_s
-    seen_um_s = max(rests.contradicting_um_s(believed_um_s), job.drift_seen_um_s)
-    drift_um_s = math.hypot(max(believed_um_s, seen_um_s), apart_um_s)
+    stated_um_s = sensor_u.drift_u_um_per_s
+    seen_um_s = max(rests.contradicting_um_s(stated_um_s), job.drift_seen_um_s)
+    drift_um_s = math.hypot(max(stated_um_s, seen_um_s), apart_um_s)
     return replace(sensor_u, drift_u_um_per_s=drift_um_s)
 
 

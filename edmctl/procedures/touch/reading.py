@@ -32,12 +32,11 @@ _TELEMETRY_LAG_S = 0.2  # after this, the samples around the last event have arr
 
 @dataclass(frozen=True, slots=True)
 class SurfaceReading:
-    """Where the tool met a surface: by the sensor (`reading`), and by the actuator model (`model_um`, zero
-    `zero_um`).
+    """Where the tool met a surface: by the sensor (`reading`), and by the actuator model (`model_um`).
 
-    Without a sensor both are the model's. `creep_um` is the creep since the last rest that the model extrapolates,
-    `doubt_u_um` an additional standard uncertainty of doubted touches, `debris_um` the height of debris at the first
-    spot. `step` is how much further the second of two spots is, if both count; `rest` the rest before, if any.
+    Without a sensor both are the model's. `zero_um` is the zero of the model, `creep_um` the creep since the last
+    rest that it extrapolates; `doubt_u_um` is an additional standard uncertainty of doubted touches, `debris_um` the
+    height of debris at the first spot, `step` how much further the second of two spots is, if both count.
     """
 
     kind: str

@@ -97,12 +97,11 @@ def read_at_spots(
     u_um: float,
     deepest_um: float = -math.inf,
 ) -> SurfaceReading:
-    """Touch a surface at two spots, and at further ones if they do not agree; at least `measure.touches` touches in
-    all.
+    """Touch a surface at two spots, and at further ones if they do not agree.
 
     Contact is expected at `predicted_um` with a standard uncertainty of `u_um`, and searched to `deepest_um` if that
-    is further. Raises ObjectiveNotReached E7022 if no two spots agree on the longest reading, and E7021 if all
-    touches are the same to the last digit, also after the last spot is touched again.
+    is further. There are at least `measure.touches` touches in all. Raises ObjectiveNotReached E7022 if no two spots
+    agree on the longest reading, E7021 if all touches are the same to the last digit, also after another one.
     """
     search = search_near(run, predicted_um, u_um, deepest_um)
     at_first, later = shared_out(search.touches)
