@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from edmctl.actuator.identification import identify
+from edmctl.actuator.identification import Identification, identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import sampled, slow_legs
 from edmctl.errors import EdmError, Interrupted
@@ -283,13 +283,17 @@ def armed(shop: Shop, *, conditioned: bool = False) -> JobRun:
 
 
 @lru_cache
-def calibrated(seed: int = 1) -> CalibratedActuator:
+def identified(seed: int) -> Identification:
     """The actuator of a seed, identified at 50 Hz from the slow legs of a calibration, which are soon fitted."""
     waveform = sampled(slow_legs(150.0), 1000.0)
     driven = VirtualActuator(seed).drive(waveform.u_v)
     thin = slice(None, None, 20)
     record = Record(waveform.t_s[thin], driven.applied_v[thin], driven.sensor_um[thin])
-    found = identify([record], delay_s=0.0, folds=2, resamples=1)
+    return identify([record], delay_s=0.0, folds=2, resamples=1)
+
+
+def calibrated(seed: int = 1) -> CalibratedActuator:
+    found = identified(seed)
     return CalibratedActuator(found.model, found.held_out.rms_um)
 
 

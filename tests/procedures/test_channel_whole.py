@@ -92,7 +92,7 @@ def machined(inject: str = "") -> Made:
     return Made(bench, result.channel, seen, way_of_path(profile.path))
 
 
-def test_the_floor_is_even_as_wide_as_planned_and_as_stated(made: Made) -> None:
+def test_the_floor_is_even_as_wide_as_planned_and_as_stated_and_its_steps_are_recorded(made: Made) -> None:
     channel, floor_um, half_um = made.channel, made.floor_um(), made.channel.width_um / 2.0
     off_um = np.array(floor_um) - DEPTH_UM
     assert np.sqrt((off_um**2).mean()) < 1.0
@@ -106,16 +106,12 @@ def test_the_floor_is_even_as_wide_as_planned_and_as_stated(made: Made) -> None:
     assert made.bench.tool_wear_um == pytest.approx(0.337 * volume_um3 / face_um2, rel=0.2)
     assert 2.0 < channel.working_gap_um < 7.0
     assert channel.ratios.normal > 0.3
-
-
-def test_passes_measurements_and_touches_are_recorded_and_nothing_is_doubted(made: Made) -> None:
-    codes = made.seen.codes
-    assert codes.count(RunEvent.PASS_ENDED) == made.channel.passes
-    assert codes.count(RunEvent.CHANNEL_MEASURED) == made.channel.measuring_stops
+    codes, (row,) = made.seen.codes, made.seen.sites
+    assert codes.count(RunEvent.PASS_ENDED) == channel.passes
+    assert codes.count(RunEvent.CHANNEL_MEASURED) == channel.measuring_stops
     assert RunEvent.TARGET_REACHED in codes
-    assert {row.kind for row in made.seen.touches} == {"Z1", "Zr", "Z2", "Z3"}
-    (row,) = made.seen.sites
-    assert row.depth_um == made.channel.depth_um
+    assert {touch.kind for touch in made.seen.touches} == {"Z1", "Zr", "Z2", "Z3"}
+    assert row.depth_um == channel.depth_um
     assert made.seen.doubts == []
 
 

@@ -106,13 +106,3 @@ def test_a_step_of_the_face_is_told_and_widens_what_counts_from_it() -> None:
     with refused("E7013"):
         shop.run_job()
     assert any("halfway to the pad" in told for told in shop.seen.doubts)
-
-
-def test_first_sparks_that_contradict_the_face_leave_the_depth_unshown() -> None:
-    shop = Shop(("measure.site_dx_um=5000",), seed=3104)
-    move_the_far_face(shop, 9.0, after_touches=SPOTS)
-    with refused("E7013"):
-        shop.run_job()
-    assert any(told.startswith("Sparks began") for told in shop.seen.doubts)
-    (site,) = shop.tally.sites.values()
-    assert shop.holds(site)

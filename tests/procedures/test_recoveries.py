@@ -266,20 +266,16 @@ def test_all_three_signs_are_needed_as_well_as_the_depth_is_known(
 
 def test_where_the_feed_has_no_room_to_rise_the_end_of_all_sparks_tells() -> None:
     """The work erodes half as fast as the servo feeds: at the back the feed cannot rise to 1.6 times itself."""
-    sheet = Sheet(2.0)
+    sheet, far = Sheet(2.0), Sheet(2.0)
     assert sheet.cut(20.0, feed_um_s=2.4) is None
     assert sheet.cut(1.0, feed_um_s=3.5, opens=1.0) is None
     depth = Value(sheet.depth_um, 2.0)
     assert sheet.seen.on_spark_loss(48.0, depth, "3.0 s and 12 µm without a discharge")
     assert sheet.seen.at_um == 48.0
     assert "without a discharge" in sheet.seen.message
-
-
-def test_sparks_that_end_far_from_the_back_are_lost() -> None:
-    sheet = Sheet(2.0)
-    sheet.cut(60.0)
-    assert not sheet.seen.on_spark_loss(18.0, Value(sheet.depth_um, 2.0), "")
-    assert math.isnan(sheet.seen.at_um)
+    far.cut(60.0)
+    assert not far.seen.on_spark_loss(18.0, Value(far.depth_um, 2.0), "")
+    assert math.isnan(far.seen.at_um)
 
 
 @dataclass(slots=True)
