@@ -22,6 +22,8 @@ _CLASSES = {
     "E8": "PreconditionError",
     "E9": "RunFileError",
 }
+_GIVEN = {"message": "{problem}", "hint": "{remedy}"}
+"""What a message or remedy is that errors.toml leaves to the caller."""
 _KINDS = dict.fromkeys("efg%", "float") | dict.fromkeys("dX", "int")
 _HEAD = '''\
 """Errors and warnings, one function each, which returns it with its code, message and remedy.
@@ -55,7 +57,9 @@ def definitions() -> list[Definition]:
     found = [Definition(code, rule["name"], about=rule["about"]) for code, rule in rules.items()]
     found += [Definition(code, "", about=about) for code, about in abouts.items()]
     found += [
-        Definition(code, name, **each) for code, named in content.items() for name, each in named.items()
+        Definition(code, name, **(_GIVEN | each))
+        for code, named in content.items()
+        for name, each in named.items()
     ]
     return sorted(found, key=lambda each: each.code)
 
