@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.study.analysis import grey_relational_grade
-from edmctl.study.statistics.designs import arrays, box_behnken
+from edmctl.study.statistics.designs import arrays
 from edmctl.study.statistics.linear_model import (
     Settings,
     anova,
@@ -281,62 +281,6 @@ def test_central_composite_of_a_chemical_process() -> None:
         ],
         "-1430.52285 7.80749 13.27053 -0.05505 -0.04005 0.01",
     )
-
-
-def test_box_behnken_of_a_resin() -> None:
-    """Second-order surface of three numbers, analysis of variance with lack of fit.
-
-    R. H. Myers and D. C. Montgomery, Response Surface Methodology, 2nd edition, Wiley, 2002, Example 7.5 (from page
-    347), as reprinted with its data by ReliaWiki, Box Behnken RSM (reliawiki.org). The F of BC is printed as 1.22
-    where its own columns give 12.25 / 10.25 = 1.20; its P holds.
-    """
-    runs = table_of(
-        """
-        -1 -1 0 53
-        1 -1 0 58
-        -1 1 0 59
-        1 1 0 56
-        -1 0 -1 64
-        1 0 -1 45
-        -1 0 1 35
-        1 0 1 60
-        0 -1 -1 59
-        0 1 -1 64
-        0 -1 1 53
-        0 1 1 65
-        0 0 0 65
-        0 0 0 59
-        0 0 0 62
-        """
-    )
-    points = [tuple(run[:3]) for run in runs]
-    assert set(map(tuple, box_behnken(3))) | {(0.0, 0.0, 0.0)} == set(points)
-    response = [run[3] for run in runs]
-    settings = Settings({name: [point[n] for point in points] for n, name in enumerate("ABC")})
-    terms = second_order("ABC")
-    check_rows(
-        anova(settings, terms, response),
-        "adjusted_ss dof mean_square f p",
-        """
-        A: 8 1 8.00 0.78 0.4174
-        B: 55.12 1 55.12 5.38 0.0681
-        C: 45.13 1 45.13 4.40 0.09
-        A²: 200.83 1 200.83 19.59 0.0069
-        B²: 12.98 1 12.98 1.27 0.3115
-        C²: 48.52 1 48.52 4.73 0.0816
-        A × B: 16.00 1 16.00 1.56 0.2668
-        A × C: 484.00 1 484.00 47.22 0.001
-        B × C: 12.25 1 12.25 - 0.3241
-        error: 51.25 5 10.25 - -
-        total: 933.73 14 - - -
-        """,
-    )
-    fitted = fit(model_matrix(settings, terms), response)
-    explained = fitted.ols.centered_tss - fitted.ols.ssr
-    check([explained, explained / 9, explained / 9 / fitted.error_variance], "882.48 98.05 9.57")
-    lack = lack_of_fit(settings, terms, response, points)
-    check([lack.ss, lack.dof, lack.ss / lack.dof, lack.f, lack.p], "33.25 3 11.08 1.23 0.4774")
-    check([lack.pure_ss, lack.pure_dof, lack.pure_ss / lack.pure_dof], "18 2 9.00")
 
 
 def test_grey_relational_grade() -> None:
