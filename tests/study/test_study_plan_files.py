@@ -178,8 +178,8 @@ def mutated(document: Any, data: st.DataObject) -> Any:
     return document
 
 
-@pytest.mark.parametrize("examples", tiers(6, slow=[150]))
-@pytest.mark.parametrize("part", tiers("plan", slow=["row"]))
+@pytest.mark.parametrize("examples", tiers(5, slow=[150]))
+@pytest.mark.parametrize("part", ["plan", "row"])
 def test_no_change_of_a_file_is_an_internal_error(whole: Path, part: str, examples: int) -> None:
     change = change_plan if part == "plan" else change_row
 
@@ -206,28 +206,3 @@ def change_row(whole: Path, data: st.DataObject) -> None:
         file.write_bytes(b"".join(lines))
         with suppress(EdmError):
             used(whole)
-
-
-@pytest.mark.parametrize(
-    ("path", "value"),
-    tiers(
-        (("responses", "machining_time_s"), 1e308),
-        slow=[(("runs", 0, "number"), None), (("run_files",), "\ud800")],
-    ),
-)
-def test_a_wrong_value_in_a_row_is_no_internal_error(
-    whole: Path, path: tuple[Any, ...], value: object
-) -> None:
-    for rows in (whole / "rows").glob("*.jsonl"):
-        with changed(rows) as file:
-            lines = []
-            for line in file.read_bytes().splitlines():
-                row = inside = json.loads(line)
-                with suppress(KeyError):
-                    for key in path[:-1]:
-                        inside = inside[key]
-                    inside[path[-1]] = value
-                lines.append(json.dumps(row).encode() + b"\n")
-            file.write_bytes(b"".join(lines))
-            with suppress(EdmError):
-                used(whole)
