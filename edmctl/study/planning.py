@@ -227,8 +227,8 @@ class _Draft:
                 for n in (*ends, *members[begin:end], *ends):
                     kind = RunKind.CENTER if n == of_center else RunKind.DESIGN
                     seed = design.seed + (len(runs) if is_machine_a_run else number - 1)
-                    own = (kind, point_of[n], replicate + 1, block_number, seed, settings[n], tool)
-                    runs.append(PlannedRun(len(runs) + 1, *own))
+                    fields = (kind, point_of[n], replicate + 1, block_number, seed, settings[n], tool)
+                    runs.append(PlannedRun(len(runs) + 1, *fields))
         return runs
 
     def _shuffled(self, members: list[int], bounds: Sequence[int], rng: Generator) -> list[int]:
