@@ -11,7 +11,8 @@ import re
 import sys
 import tomllib
 from collections.abc import Iterator, Sequence
-from functools import cached_property
+from copy import deepcopy
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -238,11 +239,15 @@ class Merged:
     changes: tuple[str, ...]
 
 
+_source = lru_cache(maxsize=8)(Source)
+"""A study reads one profile a thousand times: its positions are found once."""
+
+
 def read_source(path: Path) -> Source:
     """Read a text file. Raises ProfileError when it cannot be read as UTF-8."""
     try:
         # Some editors put a mark of the byte order before the text.
-        return Source(str(path), read_bytes(path).decode("utf-8").removeprefix("\ufeff"))
+        return _source(str(path), read_bytes(path).decode("utf-8").removeprefix("\ufeff"))
     except OSError as error:
         message, hint = f"cannot read {path}: {error.strerror}", "check the path and its permissions"
     except UnicodeDecodeError as error:
@@ -261,7 +266,7 @@ def parse(source: Source) -> TomlTable:
         table, keys = _loads(source.text)
         if keys > MOST_KEYS:
             raise _refusal(Code.SYNTAX, f"{source.name} holds more than {MOST_KEYS} keys", "split it")
-        return table
+        return deepcopy(table)
     except tomllib.TOMLDecodeError as error:
         where, what = _syntax_place(source, str(error))
     except (ValueError, RecursionError):
@@ -272,6 +277,7 @@ def parse(source: Source) -> TomlTable:
     raise _refusal(Code.SYNTAX, f"not TOML: {what}", hint, where)
 
 
+@lru_cache(maxsize=64)
 def _loads(text: str) -> tuple[TomlTable, int]:
     """Parse a TOML text, count its keys. Raises ValueError, also for an integer beyond any float; RecursionError."""
     table, keys = tomllib.loads(text), 0
@@ -388,7 +394,7 @@ def _parse(text: str) -> tuple[tuple[str, ...], object]:
     if not path or not value or "\n" in text:
         raise ValueError("no key or no value")
     try:
-        return path, _loads(f"value = {value}")[0]["value"]
+        return path, deepcopy(_loads(f"value = {value}")[0]["value"])
     except (ValueError, RecursionError):
         if _BARE_WORD.fullmatch(value):
             return path, value
