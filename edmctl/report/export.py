@@ -194,10 +194,7 @@ class JsonWriter:
 
 
 class ParquetWriter:
-    """One table. Numbers keep their type, unknown ones stay NaN; `about` becomes metadata of the file.
-
-    Call `need_pyarrow` first.
-    """
+    """One table; call `need_pyarrow` first. Unknown numbers stay NaN; `about` becomes metadata of the file."""
 
     def __init__(self, sink: ByteSink, columns: Sequence[ExportColumn], about: Mapping[str, str]) -> None:
         import pyarrow as pa

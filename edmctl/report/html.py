@@ -179,8 +179,7 @@ def table(made: PageTable) -> str:
     header = f"<thead><tr>{cells}</tr></thead>" if any(made.header) else ""
     rows = []
     for row in made.rows:
-        named = zip(made.header[1:], row[1:], strict=False)
-        cells = "".join(f'<td data-name="{escape(name)}">{escape(cell)}</td>' for name, cell in named)
+        cells = "".join(f"<td>{escape(cell)}</td>" for cell in row[1:])
         rows.append(f'<tr><th scope="row">{escape(row[0])}</th>{cells}</tr>')
     body = "\n".join(rows)
     note = f'\n<p class="note">{_prose(made.note)}</p>' if made.note else ""

@@ -26,10 +26,7 @@ REPORT = "report"
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of figure, drawn by `draw_NAME` of a module of `figures`.
-
-    `sees` is its caption, `datasets` the parts of `/entry` that it is drawn from.
-    """
+    """One kind of figure, drawn by `draw_NAME` of a module of `figures`: caption, and sources in `/entry`."""
 
     name: str
     module: str
@@ -161,10 +158,7 @@ def suffix_of(name: str) -> str:
 
 
 def check_figure(name: str) -> None:
-    """Check that a figure can be drawn into a file called `name`, before anything is computed for it.
-
-    Raises UsageError (E2011) for another type of file, PreconditionError (E8090) without matplotlib.
-    """
+    """Raise UsageError (E2011) if a figure cannot be of this type, PreconditionError (E8090) without matplotlib."""
     if suffix_of(name) not in SUFFIXES:
         raise failures.figure_suffix_unknown(name=name, suffixes=", ".join(SUFFIXES))
     need_matplotlib()

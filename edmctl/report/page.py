@@ -71,7 +71,10 @@ def render_page(
     history = [(duration(sentence.time_s), sentence.text) for sentence in sentences[1:]]
     every = _profile_values(run)
     target: list[PageTable | str] = [html.paragraph(sentence.text) for sentence in sentences[:1]]
-    target += [_overrides(run), html.folded(every.caption, html.table(every)) if every.rows else ""]
+    changed = [line.partition(" = ")[::2] for line in run.text("/entry/profile/overrides").splitlines()]
+    overrides = [row for row in changed if row[1].endswith("--set)")]
+    target.append(PageTable("Changed for this run", ["key", "value"], overrides, words=True))
+    target += [html.folded(every.caption, html.table(every))] if every.rows else []
     numbers: list[PageTable | str] = [
         html.tiles(_key_numbers(run, sites)),
         _results(run, sites),
@@ -258,13 +261,6 @@ def _profile_values(run: RunFile) -> PageTable:
         if not key.endswith("_units") and (simulated or not key.startswith("sim."))
     ]
     return PageTable("Every value in effect", ["key", "value", "unit"], rows, words=True)
-
-
-def _overrides(run: RunFile) -> PageTable:
-    """Return the overrides of this run."""
-    lines = run.text("/entry/profile/overrides").splitlines()
-    rows = [line.partition(" = ")[::2] for line in lines if line.endswith("--set)")]
-    return PageTable("Changed for this run", ["key", "value"], rows, words=True)
 
 
 def _provenance(run: RunFile) -> PageTable:

@@ -38,7 +38,6 @@ SHOWN = 48
 
 
 def has_every_pulse(run: RunFile) -> bool:
-    """Whether single pulses were recorded."""
     return run.rows(layout.PULSES.path) > 0
 
 
@@ -149,10 +148,7 @@ class RandomIgnition:
 
 
 def delays(run: RunFile, cuts_s: Array) -> Delays:
-    """Count normal discharges and open pulses by their delay, within cuts alone, shape (n, 2): begin and end.
-
-    An approach has long delays, as its gap is wide.
-    """
+    """Count normal discharges and open pulses by their delay, in cuts, shape (n, 2): approaches have long delays."""
     counts = np.zeros((2, _STEPS), np.int64)
     for first, stop in rows_at(run, cuts_s.ravel()).reshape(-1, 2).tolist():
         for _, columns in _pulses(run, first, stop, ("pulse_class", "td")):

@@ -123,10 +123,7 @@ class Kappa:
 
 
 def removal(run: RunFile) -> Removal:
-    """Return the volumes of the holes of a run each time that their depth became known.
-
-    The section is that of the tool with the side gap all round, along a channel its width times the length.
-    """
+    """Return volumes: depths times the section of tool and side gap, along a channel its width times the length."""
     values, path_um = run.profile_values(), planned_path(run)
     width_um = float(values["tool.diameter_um"]) + 2.0 * float(values["work.side_gap_um"])
     section_um2 = math.pi / 4.0 * width_um**2
@@ -145,10 +142,7 @@ def removal(run: RunFile) -> Removal:
 
 
 def in_this_run(removed: Removal, energy_uj: Array) -> Removal:
-    """Return the volumes less what earlier runs of the job had removed: known before any spark of this one.
-
-    energy_uj : ndarray, shape (n,), energy spent on the hole of each row until then
-    """
+    """Return volumes less those before any spark of this run; `energy_uj`, shape (n,), is spent on each hole."""
     before = {int(hole): k for k, hole in reversed(list(enumerate(removed.hole))) if energy_uj[k] <= 0.0}
     kept = np.array([k not in before.values() for k in range(len(removed.hole))], np.bool_)
     earlier_um3, earlier_u95_um3 = (
@@ -178,10 +172,7 @@ def cumulated(removed: Removal) -> tuple[Array, Array]:
 
 
 def kappa(removed: Removal, energy_uj: Array) -> Kappa | None:
-    """Return volume over energy of the holes with a measured depth; None if there is none.
-
-    energy_uj : ndarray, shape (n,), energy spent on the hole of each row until then
-    """
+    """Return volume over `energy_uj` as in `in_this_run`, of holes with a measured depth; None without any."""
     last = {int(hole): k for k, hole in enumerate(removed.hole) if removed.touched[k]}
     rows = [k for k in last.values() if energy_uj[k] > 0.0 and removed.volume_um3[k] > 0.0]
     if not rows:

@@ -48,7 +48,6 @@ class Envelope:
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is no value at all."""
         return not bool(np.isfinite(self.mean).any())
 
 
@@ -123,24 +122,15 @@ def time_at(run: RunFile, row: int) -> float:
 
 
 def rows_worked(run: RunFile) -> tuple[int, int]:
-    """Return the rows of `/entry/servo` from the first touch, approach or cut to the last; (0, 0) without any.
-
-    What comes before would take all the room: the test of the generator, which is an approach shorter than a second,
-    and the actuator's conditioning.
-    """
+    """Return the rows of the servo from the first touch, approach or cut to the last; (0, 0) without any."""
     spans = spans_in(run, WORKING)
     if not len(spans):
         return 0, 0
-    lasting = np.flatnonzero(spans[:, 1] - spans[:, 0] >= MIN_WORK_S * sampling_hz(run))
-    first = spans[lasting[0] if len(lasting) else 0, 0]
+    # Tests of the generator, which are shorter approaches, and conditioning would take all the room.
+    step_s = float(np.median(np.diff(run.column(SERVO, "time", 0, 200)))) if run.rows(SERVO) > 1 else 0.0
+    longer = np.flatnonzero((spans[:, 1] - spans[:, 0]) * step_s >= MIN_WORK_S)
+    first = spans[longer[0] if len(longer) else 0, 0]
     return int(first), min(int(spans[-1, 1]) + 1, run.rows(SERVO))
-
-
-def sampling_hz(run: RunFile) -> float:
-    """Return how often the servo was sampled; 0 with fewer than two samples."""
-    time_s = run.column(SERVO, "time", 0, 200).astype(np.float64)
-    step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
-    return 1.0 / step_s if step_s > 0.0 else 0.0
 
 
 def intervals(time_s: Array) -> list[slice]:
@@ -153,10 +143,7 @@ def intervals(time_s: Array) -> list[slice]:
 
 
 def cuts_s(run: RunFile) -> Array:
-    """Return begin and end of each interval of cutting, shape (n, 2), s.
-
-    It begins with the cut, or where that was not recorded with what the first row covers.
-    """
+    """Return begin and end of each interval of cutting, shape (n, 2), s, with the time that its first row covers."""
     time_s = run.column(layout.SLOW.path, "time").astype(np.float64)
     planned_s = np.array([event.time_s for event in recorded_events(run, RunEvent.CUT_PLANNED)])
     ends: list[tuple[float, float]] = []
@@ -168,10 +155,7 @@ def cuts_s(run: RunFile) -> Array:
 
 
 def broken(time_s: Array, values: Array, points: int = 1500) -> Envelope:
-    """Reduce rows, shape (n,), to about `points` groups, none of which spans two intervals of cutting.
-
-    NaN between the intervals breaks a line there.
-    """
+    """Reduce rows, shape (n,), to about `points` groups; NaN between intervals of cutting breaks a line there."""
     every = max(1, len(time_s) // points)
     gap = np.array([np.nan])
     times, lows, highs = [np.empty(0)], [np.empty(0)], [np.empty(0)]

@@ -48,7 +48,6 @@ class Trial:
 
     @property
     def is_smooth(self) -> bool:
-        """Whether no step crosses its displacement over voltage."""
         return bool(np.abs(np.diff(self.applied_v)).max() < STEP_V)
 
 

@@ -28,10 +28,7 @@ from edmctl.results.job import length_text
 from edmctl.results.run_file import RecordedSite
 from edmctl.wording import BEYOND_EXIT, plain_number, signed, with_u95
 
-_MARKS = {
-    Basis.MODEL: marked(" by model", Basis.MODEL),
-    Basis.ESTIMATED: marked(" not touched", Basis.ESTIMATED),
-}
+_MARKS = {Basis.MODEL: " by model", Basis.ESTIMATED: " not touched"}
 MAP_MM, BAR_MM = 74.0, 14.0
 """Width of the map, and of its scale of colours."""
 LABELLED = 36
@@ -159,7 +156,7 @@ def _draw_map(
     axes.set_ylabel("y (µm)")
     panels.add_colours(axes, discs, label)
     bases = {site.depth_basis for site in sites}
-    marks = [text for basis, text in _MARKS.items() if basis in bases]
+    marks = [marked(text, basis) for basis, text in _MARKS.items() if basis in bases]
     panels.note_above(axes, "; ".join([*marks, "discs mark places, not sizes"]))
 
 
@@ -198,7 +195,6 @@ class Section:
 
     @property
     def end_um(self) -> float:
-        """End of the hole below the face: its floor, or the other face of the sheet."""
         return self.sheet_um if self.site.through else self.site.depth_um
 
     @property
@@ -208,14 +204,10 @@ class Section:
 
     @property
     def worn_um(self) -> float:
-        """Position that the tip would have without wear."""
         return self.tip_um + _known(self.site.wear_um)
 
     def true_outline(self) -> Array | None:
-        """Return the true hole from mouth to mouth, shape (n, 2) of across and depth; None without a truth.
-
-        Walls are straight between mouth and floor; the edge of the floor is round.
-        """
+        """Return the true hole from mouth to mouth, shape (n, 2) of across and depth; None without a truth."""
         truth, through = self.site.truth, self.site.through
         gap_um, depth_um = truth.side_gap_um, self.sheet_um if through else truth.depth_um
         if not (math.isfinite(gap_um) and math.isfinite(depth_um)):
@@ -228,10 +220,7 @@ class Section:
         return _mirrored([[mouth_um, 0.0], *_rounded(low_um, depth_um, corner_um)])
 
     def tool_tip(self) -> Array:
-        """Return the end of the tool from right to left, shape (n, 2) of across and depth.
-
-        Its edge is as round as that of the true floor, and square if that is unknown.
-        """
+        """Return the end of the tool, shape (n, 2) of across and depth, as round as the edge of the true floor."""
         corner_um = 0.0 if self.site.through else _known(self.site.truth.corner_um)
         return _mirrored(_rounded(self.radius_um, self.tip_um, min(corner_um, self.radius_um)))
 
@@ -374,7 +363,6 @@ def _draw_lengths(axes: Axes, section: Section, at_um: float) -> None:
 
 
 def _known(value: float) -> float:
-    """Return a length, 0 where it is unknown."""
     return value if math.isfinite(value) else 0.0
 
 

@@ -58,7 +58,15 @@ def draw_pulses(run: RunFile) -> Figure:
     figure, (over_time, rare, over_all) = panels.panels(
         Block(label, {share: 1.2, "arcs and\nshorts (%)": 0.9}), Block("", {share: 0.9})
     )
-    _draw_stack(over_time, edges_s / per_s, by_class)
+    below = np.where(np.isnan(by_class["open"]), np.nan, 0.0)
+    for name in FROM_BELOW:
+        above = below + by_class[name]
+        over_time.stairs(
+            above, edges_s / per_s, baseline=below, fill=True, facecolor=style.PULSE_COLOURS[name],
+            edgecolor="white", hatch=style.PULSE_HATCHES[name], linewidth=0.0, label=name,
+        )  # fmt: skip
+        below = above
+    over_time.set_ylim(0.0, 100.0)
     for name, dash in style.PULSE_DASHES.items():
         steps = rare.stairs(by_class[name], edges_s / per_s, baseline=None, linewidth=1.0, linestyle=dash)
         steps.set_edgecolor(style.PULSE_COLOURS[name])
@@ -88,18 +96,6 @@ def _while_cutting(run: RunFile, edges_s: Array, cuts: Array) -> NDArray[np.int6
     return counts
 
 
-def _draw_stack(axes: Axes, edges: Array, shares: dict[str, Array]) -> None:
-    below = np.where(np.isnan(shares["open"]), np.nan, 0.0)
-    for name in FROM_BELOW:
-        above = below + shares[name]
-        axes.stairs(
-            above, edges, baseline=below, fill=True, facecolor=style.PULSE_COLOURS[name], edgecolor="white",
-            hatch=style.PULSE_HATCHES[name], linewidth=0.0, label=name,
-        )  # fmt: skip
-        below = above
-    axes.set_ylim(0.0, 100.0)
-
-
 def _draw_totals(axes: Axes, totals: Mapping[str, int]) -> None:
     shares = [totals[name] / sum(totals.values()) for name in FROM_BELOW]
     heights = [100.0 * share for share in shares]
@@ -116,10 +112,7 @@ def _draw_totals(axes: Axes, totals: Mapping[str, int]) -> None:
 
 
 def draw_laue(run: RunFile) -> Figure:
-    """Draw the delays of normal discharges, and the Laue plot, a straight line where ignition is random.
-
-    Open pulses count as not ignited within the on-time; arcs and shorts have no delay of their own.
-    """
+    """Draw the delays of normal discharges, and their Laue plot; open pulses had not ignited within the on-time."""
     if not statistics.has_every_pulse(run):
         raise style.NothingToDraw(
             "Single pulses were not recorded: `--set log.pulses=full` keeps the ignition delay of each."
@@ -143,10 +136,9 @@ def draw_laue(run: RunFile) -> Figure:
     total = found.ignited.sum() + found.censored.sum()
     # The last bar is narrower; heights are those of whole ones.
     heights = 100.0 / total * np.add.reduceat(found.ignited, edges[:-1]) * per_bar / np.diff(edges)
-    histogram.stairs(
-        heights, statistics.STEP_US * edges, fill=True, color=style.NORMAL, label="normal discharges"
-    )
-    histogram.set_xlim(0.0, statistics.STEP_US * steps)
+    edges_us = statistics.STEP_US * edges
+    histogram.stairs(heights, edges_us, fill=True, color=style.NORMAL, label="normal discharges")
+    histogram.set_xlim(0.0, edges_us[-1])
     _draw_survivors(laue, found, fit)
     note_above(histogram, f"{100.0 * found.censored.sum() / total:.1f} % open: not ignited")
     shared_legend(figure, (histogram, laue), ncols=1)
@@ -227,9 +219,7 @@ def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array, exp
     # µm³/µJ times J is 10⁻³ mm³.
     energy_j = np.array([0.0, 1.04 * until_uj.max() / UJ_PER_J])
     label = f"profile: κ = {expected:.3g}"
-    axes.plot(
-        energy_j, expected * energy_j, color=style.GREY, linewidth=1.0, linestyle=style.DASHED, label=label
-    )
+    axes.plot(energy_j, expected * energy_j, color=style.GREY, ls=style.DASHED, linewidth=1.0, label=label)
     fit = kappa(found, _of_hole_uj(found, edges_s, sums_uj))
     if fit is not None:
         label = f"κ = {to_its_u95(fit.value, fit.u95)} µm³/µJ"
@@ -265,16 +255,12 @@ def draw_jumps(run: RunFile) -> Figure:
     for name, dash in style.PULSE_DASHES.items():
         line = signals.broken(slow["time"], signals.running_mean(slow["time"], 100.0 * slow[f"r_{name}"]))
         colour = style.PULSE_COLOURS[name]
-        shares.plot(
-            line.time_s / per_s, line.mean, color=colour, linewidth=1.0, label=f"{name}s", linestyle=dash
-        )
+        shares.plot(line.time_s / per_s, line.mean, color=colour, linewidth=1.0, label=f"{name}s", ls=dash)
     top = max(1.0, 1.25 * shares.get_ylim()[1])
     shares.set_ylim(0.0, top)
     if len(at_s) <= FEW:
         marks = np.full(len(at_s), 0.955 * top)
-        shares.plot(
-            at_s / per_s, marks, "|", color=style.BLACK, markersize=5.0, markeredgewidth=0.5, label="jump"
-        )
+        shares.plot(at_s / per_s, marks, "|", color=style.BLACK, ms=5.0, mew=0.5, label="jump")
     _draw_periods(periods, slow, at_s, signals.cuts_s(run), per_s)
     note_above(shares, plural(len(at_s), "jump"))
     shared_legend(figure, (shares, periods))
@@ -316,6 +302,10 @@ def draw_waveforms(run: RunFile) -> Figure:
         raise style.NothingToDraw(
             "The run has no waveforms: the controller latched no fault, or keeps no waveforms about one."
         )
+
+    def as_recorded(columns: signals.Columns) -> dict[str, signals.Floats]:
+        return {name: columns[name].astype(np.float32, copy=False) for name in ("v_gap", "i_gap")}
+
     fault_s = _fault_s(run, time_s)
     zero_s = float(time_s[-1]) if fault_s is None else fault_s
     label = "time before the end (ms)" if fault_s is None else "time after the fault (ms)"
@@ -326,25 +316,23 @@ def draw_waveforms(run: RunFile) -> Figure:
     near_s = (zero_s - PERIODS_BEFORE * period_s, zero_s + PERIODS_AFTER * period_s)
     first, stop = (int(row) for row in np.searchsorted(time_s, near_s))
     for two, part in ((axes[:2], (0, len(time_s))), (axes[2:], (first, stop))):
-        lines = signals.envelopes(run, path, ["v_gap", "i_gap"], _as_they_are, part, WAVEFORM_POINTS)
+        lines = signals.envelopes(run, path, ["v_gap", "i_gap"], as_recorded, part, WAVEFORM_POINTS)
         _draw_waveforms(two, lines, zero_s)
         if fault_s is not None:
-            _mark_fault(two)
+            for one in two:
+                one.axvline(0.0, color=style.BLACK, linewidth=0.7, linestyle=(0, (3, 1.5)))
+            two[0].annotate(
+                "fault", (0.0, 1.0), xycoords=("data", "axes fraction"), xytext=(0.0, 1.5),
+                textcoords="offset points", ha="center", va="bottom", fontsize=6.5,
+            )  # fmt: skip
     return figure
 
 
 def _fault_s(run: RunFile, time_s: Array) -> float | None:
-    """Return when the controller latched the fault: the end of its black box, or the first sample in fault.
-
-    None if neither lies within the waveforms.
-    """
+    """Return when the fault was latched: the end of the black box, or the first sample in fault; None if neither."""
     candidates_s = run.column("/entry/black_box", "time")[-1:].tolist()
     candidates_s += [signals.time_at(run, int(first)) for first in signals.spans_in(run, FAULTED)[:1, 0]]
     return next((float(at_s) for at_s in candidates_s if time_s[0] <= at_s <= time_s[-1]), None)
-
-
-def _as_they_are(columns: signals.Columns) -> dict[str, signals.Floats]:
-    return {name: columns[name].astype(np.float32, copy=False) for name in ("v_gap", "i_gap")}
 
 
 def _draw_waveforms(pair: Sequence[Axes], lines: Mapping[str, signals.Envelope], zero_s: float) -> None:
@@ -356,12 +344,3 @@ def _draw_waveforms(pair: Sequence[Axes], lines: Mapping[str, signals.Envelope],
         ticks = MaxNLocator(3, steps=[1, 2, 5, 10], min_n_ticks=3)
         axes.yaxis.set_major_locator(ticks)
         axes.set_ylim(top=float(ticks.tick_values(*axes.get_ylim())[-1]))
-
-
-def _mark_fault(pair: Sequence[Axes]) -> None:
-    for axes in pair:
-        axes.axvline(0.0, color=style.BLACK, linewidth=0.7, linestyle=(0, (3, 1.5)))
-    pair[0].annotate(
-        "fault", (0.0, 1.0), xycoords=("data", "axes fraction"), xytext=(0.0, 1.5),
-        textcoords="offset points", ha="center", va="bottom", fontsize=6.5,
-    )  # fmt: skip

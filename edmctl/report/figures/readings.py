@@ -48,10 +48,7 @@ COLOURS = {"depth": style.BLUE, "wear": style.VERMILION, "feed": style.GREEN}
 
 
 def draw_touching(run: RunFile) -> Figure:
-    """Draw the last accepted touches, of the bottom (Z2) if there are any. Raises NothingToDraw.
-
-    If there are several readings, those from the last Z1 on are above.
-    """
+    """Draw the last accepted touches, of Z2 if there are any, below all readings since Z1. Raises NothingToDraw."""
     touches = run.table("/entry/touches")
     accepted = touches[touches["accepted"] == 1]
     chosen = next(
@@ -170,10 +167,11 @@ def _touching_since(run: RunFile, last_s: float) -> float:
 def _rows_between(run: RunFile, begin_s: float, end_s: float) -> tuple[int, int]:
     """Return the rows of `/entry/servo` in an interval of time, by bisection: the file may be long."""
     rows = range(run.rows(signals.SERVO))
-    first, stop = (
-        bisect_left(rows, at_s, key=lambda row: signals.time_at(run, row)) for at_s in (begin_s, end_s)
-    )
-    return first, stop
+
+    def row_at(at_s: float) -> int:
+        return bisect_left(rows, at_s, key=lambda row: signals.time_at(run, row))
+
+    return row_at(begin_s), row_at(end_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,9 +196,8 @@ def _readings_of(site: RecordedSite, touches: NDArray[np.void]) -> _Readings:
     # Z3 of a hole through the sheet is a touch, and so is that of a touched depth.
     bottom = site.depth_basis in (Basis.TOUCHED, Basis.MODEL)
     touched = (bool(z1_um), bottom, site.through or site.depth_basis != Basis.ESTIMATED)
-    return _Readings(
-        site, (site.z1_um, site.z2_um, site.z3_um), touched, (start_um, z3_um + site.depth_model_um, z3_um)
-    )
+    model_um = (start_um, z3_um + site.depth_model_um, z3_um)
+    return _Readings(site, (site.z1_um, site.z2_um, site.z3_um), touched, model_um)
 
 
 def draw_steps(run: RunFile) -> Figure:

@@ -115,9 +115,8 @@ def draw_cases(cases: Sequence[Case]) -> Figure:
         if not found:
             panel.text(0.5, 0.5, "nothing measured", ha="center", color=style.GREY, transform=panel.transAxes)
         at, means, bars = np.array(found).reshape(-1, 3).T
-        panel.errorbar(
-            at, means, yerr=bars, fmt="o" if labels else "o-", color=style.BLUE, markersize=3, capsize=2
-        )
+        mark = "o" if labels else "o-"
+        panel.errorbar(at, means, yerr=bars, fmt=mark, color=style.BLUE, markersize=3, capsize=2)
         panel.set_ylabel(title)
         if labels:
             panel.set_xticks(places, labels, rotation=90)
@@ -126,10 +125,9 @@ def draw_cases(cases: Sequence[Case]) -> Figure:
         panel.set_xlabel(axis)
     counts = sorted({len(case.runs) for case in cases})
     runs = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
-    words = f"means of {runs} runs a case; bars ± one standard deviation of a run"
-    figure.suptitle(
-        "one run a case: no bars" if counts[-1] == 1 else words, fontsize="small", color=style.GREY
-    )
+    title = f"means of {runs} runs a case; bars ± one standard deviation of a run"
+    title = "one run a case: no bars" if counts[-1] == 1 else title
+    figure.suptitle(title, fontsize="small", color=style.GREY)
     return figure
 
 

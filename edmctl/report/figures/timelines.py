@@ -139,10 +139,7 @@ def _draw_tool(
 
 
 def draw_displacement(run: RunFile) -> Figure:
-    """Draw the displacement estimated from the actuator's voltage beside that of the sensor, and its error.
-
-    Raises NothingToDraw without a sensor or an estimate to compare.
-    """
+    """Draw the displacement estimated from the voltage beside that of the sensor, and its error."""
     lines = signals.envelopes(
         run, SERVO, ["z_sensor", "z_model", "s", "state"], _compared, signals.rows_worked(run)
     )
