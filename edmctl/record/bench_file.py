@@ -35,10 +35,7 @@ _ARRAY = "array"
 
 @contextmanager
 def bench_lock(path: Path, wait_s: float = 0.0) -> Iterator[None]:
-    """Keep others from using the bench at `path` while the block runs; wait so long for a present user.
-
-    Raises RunFileError: E9020 no file can have this name, E9023 it is in use, E9024 nothing can be written there.
-    """
+    """Keep others from using a bench, and wait so long for them. Raises RunFileError E9020, E9023, E9024."""
     lock = _lock_of(path)
     with ExitStack() as held:
         try:

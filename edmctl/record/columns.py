@@ -149,11 +149,7 @@ def _arrays(path: Path, columns: Mapping[str, h5py.Dataset | NDArray[np.generic]
 
 
 def write_columns(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
-    """Write columns of one length, shape (n,), to a new file: HDF5 datasets at the root, or CSV.
-
-    The name's suffix says which: .h5 and its kin, else CSV. Numbers are written so that they are read back
-    exactly. Raises RunFileError: E9011 the file exists, E9012 it cannot be written.
-    """
+    """Write columns, shape (n,), to a new file, HDF5 or CSV by its suffix. Raises RunFileError E9011, E9012."""
     if len({values.shape for values in columns.values()}) != 1:
         raise ValueError("columns differ in length")
 

@@ -72,13 +72,7 @@ def _is_blank(line: str) -> bool:
 
 
 class Table:
-    """A table in a text.
-
-    Its header is the line with most of the wanted names, or with none of them the line above the first numbers.
-    `columns` has the index of each wanted column; missing ones are left out.
-
-    Raises RecordError: E3602 there is no header, E3603 two columns have one wanted name.
-    """
+    """A table in a text; `columns` has indices of wanted ones. Raises RecordError: E3602 no header, E3603 twice one."""
 
     def __init__(self, text: str, name: str, wanted: Sequence[str]) -> None:
         self.name, self.lines = name, text.split("\n")
@@ -98,6 +92,7 @@ class Table:
                 raise self._error(self.header + 1, f": two columns are called {column}", hint, "E3603")
 
     def _find_header(self, wanted: Sequence[str]) -> int:
+        """Return the line with most of the wanted names, or with none the line above the first numbers."""
         lines = self.lines
         filled = [k for k, line in enumerate(lines[:MOST_PREAMBLE]) if line.strip() and line[:4] != "sep="]
         data = [k for k in filled if not _is_blank(lines[k])]
@@ -151,10 +146,7 @@ class Table:
         return np.loadtxt(lines, delimiter=separator, usecols=list(self.columns.values()), ndmin=2)
 
     def rows(self, *, numeric: bool = False) -> Iterator[tuple[int, dict[str, str]]]:
-        """Yield the line, from 1, and the wanted cells of each row, with decimal points. Missing cells are empty.
-
-        If `numeric`, cells may not be missing, and text behind `#` is left out. Raises RecordError E3604.
-        """
+        """Yield line, from 1, and wanted cells of each row; numeric ones are complete. Raises RecordError E3604."""
         lines = (
             line.partition("#")[0] if numeric or _is_blank(line) else line
             for line in self.lines[self.begin :]

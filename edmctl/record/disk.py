@@ -60,14 +60,13 @@ def make_folder(folder: Path) -> None:
 
 def write_new(path: Path, content: bytes) -> None:
     """Write a file that must not exist yet; remove it when the disk is full."""
-    try:
-        with path.open("xb") as file:
+    with path.open("xb") as file:
+        try:
             file.write(content)
-    except FileExistsError:
-        raise
-    except OSError:
-        path.unlink(missing_ok=True)
-        raise
+            file.flush()
+        except OSError:
+            path.unlink(missing_ok=True)
+            raise
 
 
 def sync_if_possible(*paths: Path) -> None:
@@ -175,11 +174,7 @@ class DiskThread:
         self._error_of_line: EdmError | None = None
 
     def run(self, path: Path, write: Callable[[], None]) -> None:
-        """Return when `write`, of the file at `path`, has run. Raises what it raises.
-
-        An error of the machine's line meanwhile is raised after it; a lost line, by the machine's next call.
-        Raises RunFileError E9009 if the disk hangs.
-        """
+        """Return when `write` has run. Raises its errors, then those of the line; RunFileError E9009 for a hang."""
         if self._attend is None:
             write()
             return

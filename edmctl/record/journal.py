@@ -119,11 +119,7 @@ class JournalFile:
         self._texts: Texts = {}
 
     def keep(self, state: State, *, urgent: bool = False) -> None:
-        """Take a state: an urgent one is on the disk when the call returns, others every `PERIOD_S` at most.
-
-        Raises RunFileError: E9040 if it cannot be written, E9009 if the disk hangs; for a state that is not urgent
-        the next such call raises them.
-        """
+        """Keep a state: urgent ones at once, others every `PERIOD_S`. Raises RunFileError E9040, E9009, or later."""
         if not urgent and state.time_s - self._kept_s < PERIOD_S:
             return
         if urgent:
@@ -151,10 +147,7 @@ def journal_path(run_file: Path) -> Path:
 
 
 def write_journal(path: Path, journal: Journal, texts: Texts | None = None) -> None:
-    """Replace the journal at `path`; it is on the disk when the call returns. Raises RunFileError E9040.
-
-    `texts` caches the JSON text of the job and of finished sites between the writes of one run.
-    """
+    """Replace the journal and sync it; `texts` keeps JSON of job and sites. Raises RunFileError E9040."""
     try:
         replace_file(path, _text(journal, {} if texts is None else texts))
         sync_if_possible(path.parent)

@@ -128,10 +128,7 @@ def _later_than(newest: str) -> str:
 
 
 def read_lines(folder: Path) -> tuple[list[dict[str, Any]], int]:
-    """Return the rows of a folder in the order of their times, and how many lines were none.
-
-    Each has its kind as `row`. Raises RunFileError E9111 if a file cannot be read.
-    """
+    """Return the rows of a folder by their times, with the number of torn lines. Raises RunFileError E9111."""
     lines, torn = _dated(folder)
     lines.sort(key=lambda line: line[:3])
     return [values for *_, values in lines], torn

@@ -49,11 +49,7 @@ SMALLEST_BYTES = 2048
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One dataset of a columnar group, or one field of a compound table.
-
-    field : name of the value in the row or block, with dots where it lies deeper
-    step : what is stored is the value over this step, rounded; `units` then names both, for instance `0.1 us`
-    """
+    """A dataset or field: `field` is its name in a row, `step` the unit in which it is stored, as in `0.1 us`."""
 
     name: str
     field: str
@@ -430,11 +426,8 @@ def _create_truth(file: h5py.File, values: Mapping[str, Any]) -> None:
 
 def _make_plottable(group: h5g.GroupID, signal: str, axis: str, auxiliary: Sequence[str]) -> None:
     """Name what viewers plot in an NXdata; without an axis, against the number of the row."""
-    _put_attributes(group, {"signal": signal})
-    if axis:
-        _put_attributes(group, {"axes": [axis]})
-    if auxiliary:
-        _put_attributes(group, {"auxiliary_signals": list(auxiliary)})
+    lists = {"axes": [axis] if axis else [], "auxiliary_signals": list(auxiliary)}
+    _put_attributes(group, {"signal": signal, **{name: value for name, value in lists.items() if value}})
 
 
 def _create_rows(

@@ -159,10 +159,7 @@ _KNOWN = {"utc_s", "x_um", "y_um", "radius_um"}
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One entry of the machine with that serial number, and its time (UTC, s since 1970).
-
-    `bench_s` is the time of a virtual bench that a file keeps, NaN of any other machine.
-    """
+    """One entry of a machine, at a UTC time (s since 1970) and the time of a virtual bench that a file keeps."""
 
     serial: str
     utc_s: float
@@ -225,10 +222,7 @@ class Ledger:
 
     @classmethod
     def open(cls, folder: Path) -> Ledger:
-        """Read the ledger of a folder, empty if there is none. An incomplete last line is left out.
-
-        Raises RunFileError: E9030 it cannot be read, E9031 a line of it is damaged, E9032 a later version wrote it.
-        """
+        """Read the ledger of a folder, without an incomplete last line. Raises RunFileError E9030, E9031, E9032."""
         path = folder / FILE_NAME
         try:
             retried(lambda: refuse_locked(path), OPENING_WAIT_S)
@@ -337,10 +331,7 @@ class HomeSeen:
 
 @dataclass(slots=True)
 class MachineHistory:
-    """One machine: its holes, its tools, the tool last in use ("" before the first).
-
-    `homes` are all readings of the tool's home, the newest last. `reference` is the last of any tool.
-    """
+    """Holes, tools, the tool last in use ("" before the first), its home readings, and the last reference."""
 
     holes: list[SiteMachined] = field(default_factory=list)
     tools: dict[str, ToolAccount] = field(default_factory=dict)

@@ -242,11 +242,7 @@ def image_of(fill: Callable[[h5py.File], None], **how: object) -> bytes:
 
 
 def open_file(path: Path, *, verify: bool = True) -> h5py.File:
-    """Open the run file at `path`; without `verify` its check sum is not compared, which takes reading all of it.
-
-    Raises RunFileError: E9005 there is none or it is not a run file, E9006 another version wrote it, E9007 it is
-    damaged, E9016 another program has locked it.
-    """
+    """Open a run file; `verify` compares its check sum. Raises RunFileError E9005, E9006, E9007, E9016."""
     refuse_unreadable(path)
     try:
         fits = verify_checksum(path) if verify else None

@@ -88,11 +88,7 @@ class RunFile:
             self._file[f"/entry/{scalar}"].refresh()
 
     def rows(self, path: str) -> int:
-        """Return the number of rows of a table, for instance `/entry/servo`.
-
-        In a file without an end, columns may differ by the rows of the last write; the shortest counts.
-        Raises RunFileError E9015 if the layout has no such table.
-        """
+        """Return the rows of a table, in a file without an end of its shortest column. Raises RunFileError E9015."""
         if path not in TABLES:
             raise _unknown(f"There is no table {path!r}", path, list(TABLES))
         return min((dataset.shape[0] for dataset in self._datasets(TABLES[path])), default=0)
@@ -213,21 +209,13 @@ class RunFile:
 
 
 def open_run(path: Path) -> RunFile:
-    """Open the run file at `path` for reading; nothing is ever written to it.
-
-    Raises RunFileError: E9005 there is none or it is not a run file, E9006 a later version of edmctl wrote it,
-    E9007 it is damaged.
-    """
+    """Open a run file for reading. Raises RunFileError: E9005 no run file, E9006 other version, E9007 damaged."""
     return RunFile(open_file(path), path)
 
 
 @contextmanager
 def reading(path: Path, *, verify: bool = True) -> Iterator[RunFile]:
-    """Open the run file at `path` for a `with` block that works on its content.
-
-    A file without a fitting check sum may hold anything. An exception in the block becomes RunFileError E9007 then;
-    with a file that is whole it is a bug, and stays as it is. `verify` and errors as in `open_file`.
-    """
+    """Open a run file for a block. Exceptions in it become E9007, except of a whole file, where they are a bug."""
     try:
         with RunFile(open_file(path, verify=verify), path) as run:
             yield run
@@ -253,10 +241,7 @@ def present_name(path: Path) -> Path:
 
 
 def follow(path: Path, pause: Callable[[], None]) -> Iterator[RunFile]:
-    """Yield the run file at `path`, again after each `pause`, with the rows added meanwhile, until it has an end.
-
-    A finished file is yielded once. Raises RunFileError: E9008 its writer died, else as `open_run`.
-    """
+    """Yield the run file after each `pause` until it has an end. Raises RunFileError E9008 if its writer died."""
     with reading(path) as run:
         while True:
             # Checked first: rows that were flushed between the two are seen, however the writer ended.

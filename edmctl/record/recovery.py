@@ -125,10 +125,7 @@ class Source:
         return None
 
     def _rows(self, table: Table) -> int:
-        """Return how many rows of a table are written anew.
-
-        Of a damaged file as many as the longest column has, but none from the first on whose time cannot be read.
-        """
+        """Return the number of rows to write: if damaged, of the longest column, as far as times can be read."""
         datasets = {path: dataset for path in table.datasets if (dataset := self.dataset(path)) is not None}
         lengths = [int(dataset.shape[0]) for dataset in datasets.values()]
         self.begun[table.path] = max(lengths, default=0)
@@ -295,10 +292,7 @@ def recover_damaged(path: Path, target: Path | None = None) -> Recovered:
 
 
 def _target(path: Path, target: Path | None) -> Path:
-    """Return the name of the recovered file: `a.h5` for `a.h5.partial`, `a.recovered.h5` for a damaged `a.h5`.
-
-    Raises RunFileError: E9001 it is taken, E9014 a process is writing `path`.
-    """
+    """Return `a.h5` or `a.recovered.h5`. Raises RunFileError: E9001 it is taken, E9014 `path` is still written."""
     if target is None and path.suffix == PARTIAL:
         target = path.with_suffix("")
     target = target or path.parent / f"{path.stem}.recovered{path.suffix}"

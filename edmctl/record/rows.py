@@ -88,10 +88,7 @@ class EventLevel(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class EventRow:
-    """A state, jump, fault or decision. A copy of `args` is kept.
-
-    `message` is cut to 160 bytes; of `args` the last values are left out when their JSON exceeds 200 bytes.
-    """
+    """A state, jump, fault or decision; its message is cut to 160 bytes, its arguments to 200 bytes of JSON."""
 
     time_s: float
     code: int
@@ -255,8 +252,7 @@ class Recorder(Protocol):
 class NullRecorder:
     """Keeps nothing: for runs without a file."""
 
-    def append(self, row: Row) -> None:
-        """Do nothing."""
+    def append(self, row: Row) -> None: ...
 
 
 UNIT_SUFFIXES = {

@@ -172,11 +172,7 @@ class RunWriter:
         return self._partial if self._partial.exists() else self._path
 
     def append(self, row: Row) -> None:
-        """Append a row, or a block whose arrays are kept by reference.
-
-        Urgent ones (`layout.is_urgent`) are on disk when the call returns. Raises RunFileError E9003 once, when the
-        disk fails; later rows are ignored.
-        """
+        """Append a row, or a block by reference; urgent ones are then on disk. Raises RunFileError E9003 once."""
         if not self._accepts:
             return
         store = self._stores.get(type(row))
@@ -224,11 +220,7 @@ class RunWriter:
             self._guarded(write_through)
 
     def finish(self, status: str, exit_code: int) -> Path:
-        """Write the end, close, and give the file its name; an existing file is never replaced.
-
-        Returns the final path. Raises RunFileError: E9003 when the disk fails or failed before, E9004 when
-        the name was taken meanwhile. In both cases the rows stay in the `.partial` file.
-        """
+        """Write the end, close, and name the file. Raises RunFileError E9003 (disk), E9004 (name is taken)."""
         if self._failure is not None:
             raise self._failure
         if self._accepts:
@@ -317,11 +309,7 @@ _ROW_BYTES = 1024
 
 
 class BackgroundWriter:
-    """Recorder that a thread writes into one run file. Build it with `create`; end it with `finish` or `abandon`.
-
-    An error of the disk is raised once, by the first call after it; later rows are ignored. All calls come from one
-    thread.
-    """
+    """Recorder whose rows a thread writes. An error of the disk is raised once; all calls come from one thread."""
 
     def __init__(self, writer: RunWriter, *, waits: bool) -> None:
         self._writer = writer
@@ -341,11 +329,7 @@ class BackgroundWriter:
 
     @classmethod
     def create(cls, path: Path, meta: RunMeta, *, waits: bool = False) -> BackgroundWriter:
-        """Create `path`.partial, as `RunWriter.create` does, and start to write into it.
-
-        waits : whether the caller is made to wait when the disk is too slow, instead of getting RunFileError
-        E9009; for a virtual machine, whose clock stops meanwhile. Raises RunFileError E9001, E9002.
-        """
+        """As `RunWriter.create`; `waits` makes callers wait for a slow disk, as in virtual time, without E9009."""
         return cls(RunWriter.create(path, meta), waits=waits)
 
     @property
@@ -390,11 +374,7 @@ class BackgroundWriter:
         self._failure = self._failure or error
 
     def finish(self, status: str, exit_code: int) -> Path:
-        """Write the remaining rows and the end, close, and give the file its name, as `RunWriter.finish` does.
-
-        Returns the final path when the disk has it all. Raises RunFileError: E9003, E9004, and E9009 when the disk
-        hangs, which is not waited for.
-        """
+        """Write the remaining rows and finish. Raises RunFileError: E9003, E9004, and E9009 if the disk hangs."""
         self._accepts = False
         self._end = self._end or (status, exit_code)
         self._wake.set()
@@ -438,7 +418,12 @@ class BackgroundWriter:
             end = self._end
             if self._rows:
                 unflushed = unsynced = True
-                self._take_rows()
+            for _ in range(len(self._rows)):
+                row, size = self._rows.popleft()
+                self._writer.append(row)
+                self._taken_bytes += size
+                self._taken_at_s = time.monotonic()
+            self._taken.set()
             if end is not None:
                 self._closes = True
                 path = self._writer.finish(*end)
@@ -452,14 +437,6 @@ class BackgroundWriter:
             elif unflushed and now_s - flushed_s >= FLUSH_INTERVAL_S:
                 self._writer.flush()
                 unflushed, flushed_s = False, now_s
-
-    def _take_rows(self) -> None:
-        for _ in range(len(self._rows)):
-            row, size = self._rows.popleft()
-            self._writer.append(row)
-            self._taken_bytes += size
-            self._taken_at_s = time.monotonic()
-        self._taken.set()
 
 
 def _size(row: Row) -> int:
