@@ -72,7 +72,7 @@ def _is_blank(line: str) -> bool:
 
 
 class Table:
-    """A table in a text; `columns` has indices of wanted ones. Raises RecordError: E3602 no header, E3603 twice one."""
+    """A table in a text; `columns` has indices of wanted ones. Raises RecordError: E3602 no header, E3603 twice."""
 
     def __init__(self, text: str, name: str, wanted: Sequence[str]) -> None:
         self.name, self.lines = name, text.split("\n")
