@@ -9,9 +9,7 @@ from collections.abc import Sequence
 from functools import cache, partial
 from importlib import import_module
 from io import TextIOWrapper
-from itertools import takewhile
 from pathlib import Path
-from shlex import quote
 from typing import Annotated, Any, NoReturn, cast
 
 import typer
@@ -22,7 +20,6 @@ from edmctl.cli.signals import SignalArrived, leave, raising_signals
 from edmctl.errors import EdmError, UsageError
 from edmctl.exitcodes import ExitCode, exit_code_table
 from edmctl.version import __version__
-from edmctl.wording import code_point, with_hyphens
 
 _COMMANDS = {
     "calibrate": "cli.commands.calibrate:calibrate",
@@ -82,7 +79,6 @@ def _run(arguments: Sequence[str]) -> int:
         command=_command_of(arguments), json="--json" in arguments, events="--events" in arguments
     )
     try:
-        _refuse_dashes(arguments)
         code = command_tree(arguments[0] if arguments else "").main(
             args=list(arguments), prog_name="edmctl", standalone_mode=False
         )
@@ -100,23 +96,6 @@ def _run(arguments: Sequence[str]) -> int:
     except SystemExit as left:
         return left.code if isinstance(left.code, int) else 0
     return int(code or 0)
-
-
-def _refuse_dashes(arguments: Sequence[str]) -> None:
-    """Raise UsageError for an option or a number with a dash or minus sign that is no hyphen."""
-    for argument in arguments:
-        written = "=".join(map(_typed, argument.split("=", 1)))
-        if written != argument:
-            dash = next(one for one in argument if one != with_hyphens(one))
-            raise failures.odd_hyphen(argument=argument, dash=code_point(dash), written=written)
-
-
-def _typed(part: str) -> str:
-    """Return the name of an option or the numbers of a value with hyphens; anything else as it is."""
-    plain = with_hyphens(part)
-    if plain != part and re.fullmatch(r"-+[A-Za-z][\w-]*", plain):
-        return f"--{plain.lstrip('-')}"
-    return plain if re.fullmatch(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?(?:,[-+]?[\d.]+)*", plain) else part
 
 
 @cache
@@ -188,8 +167,8 @@ def _usage_error(mistake: Exception, arguments: Sequence[str]) -> UsageError:
 def _meant(message: str, path: str, arguments: Sequence[str]) -> str:
     """Return the command that was probably meant: a profile without its option, a subcommand without its group."""
     stray = re.search(r"unexpected extra argument(?:\(s\))? \((.+)\)", message)
-    if stray is not None and (pairs := _pairs_apart(arguments)):
-        return f"Key and value are one word: join them with =, as in `{pairs}`."
+    if stray is not None and "--profile" in arguments:
+        return "--set and --sweep take one KEY=VALUE each, without blanks."
     if stray is not None and any("--profile" in parameter.opts for parameter in _parameters(path)):
         return f"A profile is named with an option: `{path} --profile {stray[1].split()[0]}`."
     unknown = re.search(r"No such command '(.+)'", message)
@@ -199,17 +178,6 @@ def _meant(message: str, path: str, arguments: Sequence[str]) -> str:
         if unknown is not None and path == "edmctl" and unknown[1] in getattr(group, "commands", {})
     ]
     return f"Did you mean {' or '.join(groups)}?" if groups else ""
-
-
-def _pairs_apart(arguments: Sequence[str]) -> str:
-    """Return `--set KEY=VALUE` if the words behind --set or --sweep are several; one pair each if they are pairs."""
-    for at, option in enumerate(arguments):
-        words = list(takewhile(lambda word: not word.startswith("-"), arguments[at + 1 :]))
-        if option in ("--set", "--sweep") and len(words) > 1:
-            pairs = [word for word in words if re.fullmatch("[^=]+=[^=]+", word)]
-            joined = "=".join(part for word in words for part in word.split("=") if part)
-            return " ".join(f"{option} {quote(pair)}" for pair in pairs or [joined])
-    return ""
 
 
 def _parameters(path: str) -> list[Any]:

@@ -99,14 +99,6 @@ def command_line_wrong(*, message: object, end: object, remedy: object) -> Usage
     return UsageError(f"{message}{end}", hint=f"{remedy}", code="E2000")
 
 
-def odd_hyphen(*, argument: object, dash: object, written: object) -> UsageError:
-    return UsageError(
-        f"{argument} has the character {dash}.",
-        hint=f"Write {written}, with plain hyphens (-).",
-        code="E2000",
-    )
-
-
 def waveform_missing() -> UsageError:
     return UsageError(
         "Missing argument 'WAVEFORM'.",

@@ -285,11 +285,6 @@ def code_point(character: str) -> str:
     return f"U+{ord(character):04X} ({unicodedata.name(character, 'a control character')})"
 
 
-def with_hyphens(text: str) -> str:
-    """Return a text with `-` in place of the dashes and minus signs of Unicode."""
-    return "".join("-" if one == "\u2212" or unicodedata.category(one) == "Pd" else one for one in text)
-
-
 def shortened(text: str, most: int = 200) -> str:
     """Return a text that nobody would read to its end without that end."""
     return text if len(text) <= most else f"{text[: most - 1]}…"
