@@ -9,12 +9,10 @@ from edmctl.machine.interface import Machine
 from edmctl.planning.forecast import hole_time_s, working_order
 from edmctl.planning.measuring import FACE_LIMIT_UM
 from edmctl.planning.removal import hole
-from edmctl.procedures.channel.procedure import machine_path, record_left_channel
 from edmctl.procedures.hole import decision as decisions
 from edmctl.procedures.hole.decision import Decision
 from edmctl.procedures.hole.knowledge import JobKnowledge
 from edmctl.procedures.hole.procedure import HoleProcedure
-from edmctl.procedures.hole.resuming import ResumedHole, check_last_hole
 from edmctl.procedures.job import Job, JobTally, StateStore, target_of
 from edmctl.procedures.monitoring.monitors import judge_job
 from edmctl.procedures.run import MOVING, JobRun
@@ -64,17 +62,27 @@ def run_job(
         pulses=True,
         store=store,
         self_test=True,
-        record_left=decisions.record_left if job.profile.path is None else record_left_channel,
+        record_left=_record_left,
     ) as run:
         if job.profile.path is None:
             last = machine_sites(run)
             decisions.record_results(run)
             last = decisions.judge_holes(run, last)
         else:
+            from edmctl.procedures.channel.procedure import machine_path  # most jobs make holes
+
             last = machine_path(run)
     if last is not None:
         raise ObjectiveMissed(last.missed, hint=last.hint, result=tally.result(), code=last.code)
     return tally.result()
+
+
+def _record_left(run: JobRun) -> None:
+    decisions.record_left(run)
+    if run.profile.path is not None:
+        from edmctl.procedures.channel.procedure import record_left_channel
+
+        record_left_channel(run)
 
 
 def machine_sites(run: JobRun) -> Decision | None:
@@ -89,6 +97,8 @@ def _machine_left(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
     limits, resumed, done = TimeLimits(run), run.job.resumed, set(run.tally.sites)
     left = [site for site in working_order(run.profile, run.setup, run.job.sites) if site.name not in done]
     if resumed is not None and not resumed.begun and left:
+        from edmctl.procedures.hole.resuming import check_last_hole  # only resumed jobs need it
+
         check_last_hole(run, knowledge)
     for number, site in enumerate(left):
         used_up = _used_up(run, knowledge, left[number:])
@@ -97,6 +107,8 @@ def _machine_left(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
         decisions.open_site(run, site)
         decision = None
         if resumed is not None and resumed.begun and resumed.site == site.name:
+            from edmctl.procedures.hole.resuming import ResumedHole
+
             decision = ResumedHole(run, site, knowledge, limits).resume()
         if decision is None:
             _touch_surface(run, site, knowledge, left[number:])
