@@ -16,8 +16,8 @@ from edmctl.actuator.identification import (
     fit_line,
     fit_maxwell,
     identify,
+    lever_factor,
 )
-from edmctl.actuator.lever import lever_factor
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record, check_record
 from edmctl.actuator.validation import ErrorFigures, Refit, Validation, validate, within_rates

@@ -16,7 +16,7 @@ from edmctl.planning.measuring import (
     touch_time_s,
 )
 from edmctl.planning.removal import hole, removal_um3_s, time_share_of_jumps
-from edmctl.process.discharge import hole_area_um2
+from edmctl.process.erosion import hole_area_um2
 from edmctl.process.touches import TOUCH_U_UM
 from edmctl.profile.model import PathTable, Profile
 from edmctl.profile.places import Place

@@ -37,8 +37,7 @@ from edmctl.planning.removal import (
     servo_swing,
     time_share_of_jumps,
 )
-from edmctl.process.discharge import hole_area_um2, mrr_mm3_min, pulse_energy_uj
-from edmctl.process.erosion import roughness_rz_um
+from edmctl.process.erosion import hole_area_um2, mrr_mm3_min, pulse_energy_uj, roughness_rz_um
 from edmctl.profile.model import Profile
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Setup

@@ -18,7 +18,7 @@ from edmctl.planning.removal import (
     feed_rate_um_s,
     jump_duration_s,
 )
-from edmctl.process.discharge import first_gap_u_um, hole_area_um2
+from edmctl.process.erosion import first_gap_u_um, hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.next_cut import GAP_U_UM, is_done, largest_first_um, next_cut
 from edmctl.process.touches import TOUCH_U_UM, Displacement

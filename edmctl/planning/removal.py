@@ -13,8 +13,16 @@ from itertools import accumulate
 from typing import NamedTuple
 
 from edmctl.dataclasses import dataclass, replace
-from edmctl.process.discharge import hole_area_um2, pulse_energy_uj, tool_area_um2
-from edmctl.process.erosion import GAP_LAW, SURFACE_UM, material, roughness_ra_um, side_gap_um
+from edmctl.process.erosion import (
+    GAP_LAW,
+    SURFACE_UM,
+    hole_area_um2,
+    material,
+    pulse_energy_uj,
+    roughness_ra_um,
+    side_gap_um,
+    tool_area_um2,
+)
 from edmctl.process.steady_gap import GapRecipe, SteadyGap, steady_gap
 from edmctl.profile.model import Profile, Regime
 from edmctl.profile.setup import Setup

@@ -1,6 +1,6 @@
 """The mean state of the gap under the servo: width, debris, arcs, removal and wear.
 
-The mean gap voltage fixes the ignition delay, whatever the gap (`process.discharge`). Removal fills the gap with
+The mean gap voltage fixes the ignition delay, whatever the gap (`process.erosion`). Removal fills the gap with
 debris until as much is flushed out; debris reduces removal and turns discharges into arcs. The gap follows from the
 delay and the debris. The laws are those of the virtual machine, averaged over its pulses.
 """
@@ -13,7 +13,6 @@ from functools import lru_cache
 from operator import mul
 
 from edmctl.dataclasses import astuple, dataclass
-from edmctl.process.discharge import delay_over_on_time, pulse_energy_uj, tool_area_um2
 from edmctl.process.erosion import (
     ARC_V,
     BRIDGE_CLEAR,
@@ -25,9 +24,12 @@ from edmctl.process.erosion import (
     USUAL_OPEN_V,
     crater_scale,
     deionisation_us,
+    delay_over_on_time,
     flush_time_s,
     molten_uj,
+    pulse_energy_uj,
     removal_um3_per_uj,
+    tool_area_um2,
     working_gap_um,
 )
 

@@ -13,13 +13,13 @@ import numpy as np
 
 from edmctl.core.library import library
 from edmctl.dataclasses import dataclass
-from edmctl.process.discharge import pulse_energy_uj
 from edmctl.process.erosion import (
     MOST_DEBRIS,
     USUAL_OPEN_V,
     crater_scale,
     deionisation_us,
     flush_time_s,
+    pulse_energy_uj,
     removal_um3_per_uj,
     side_gap_um,
     working_gap_um,

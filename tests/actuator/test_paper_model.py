@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from edmctl.actuator.lever import autocorrelation_time, lever_factor
+from edmctl.actuator.identification import autocorrelation_time, lever_factor
 from edmctl.actuator.paper_model import (
     TABLE_1,
     ElectromechanicalModel,

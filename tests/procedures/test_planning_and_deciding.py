@@ -13,7 +13,7 @@ from edmctl.procedures.hole.cut import CutEnd, CutResult
 from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, discharge_energy_j, energy_of, first_plan
 from edmctl.procedures.hole.decision import Decision, decide
 from edmctl.procedures.job import CutTotals, HoleTarget, target_of
-from edmctl.process.discharge import hole_area_um2
+from edmctl.process.erosion import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.touches import DepthAndWear
 from edmctl.profile.model import Profile

@@ -8,21 +8,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmctl.process.discharge import (
-    delay_over_on_time,
-    first_gap_u_um,
-    first_sparks_um,
-    mrr_mm3_min,
-    open_share,
-    pulse_energy_uj,
-)
 from edmctl.process.erosion import (
     LAW,
     USUAL_PULSE_UJ,
     corner_radius_um,
+    delay_over_on_time,
     efficiency,
+    first_gap_u_um,
+    first_sparks_um,
     material,
     materials,
+    mrr_mm3_min,
+    open_share,
+    pulse_energy_uj,
     removal_um3_per_uj,
     roughness_ra_um,
     widening_um,

@@ -275,7 +275,12 @@ def actuator(
     outcome.simulated = True
     used_seed = seed_to_use(seed)
     of_paper = model == "paper"
-    _refuse_contradictions(shape, start, calibration, of_paper=of_paper)
+    if shape is None and not of_paper:
+        raise failures.waveform_missing()
+    if start is not None and not of_paper:
+        raise failures.start_without_paper_model()
+    if calibration is not None and of_paper:
+        raise failures.calibration_with_paper_model()
     asked = waveforms(Wanted(shape or "figures", frequency, low, high, cycles, source))
     actuator_trial.check_outputs(plot, data)
     outcome.seed = used_seed
@@ -290,18 +295,6 @@ def actuator(
         trial = _compared(outcome, asked, calibration, used_seed)
         outcome.show(lambda style: render_actuator(trial.waveforms, trial.stroke_um, style))
         _write(outcome, trial, data, plot, made_by)
-
-
-def _refuse_contradictions(
-    shape: str | None, start: str | None, calibration: Path | None, *, of_paper: bool
-) -> None:
-    """Raise UsageError for a missing waveform (E2000), and options that do not go with the models (E2010)."""
-    if shape is None and not of_paper:
-        raise failures.waveform_missing()
-    if start is not None and not of_paper:
-        raise failures.start_without_paper_model()
-    if calibration is not None and of_paper:
-        raise failures.calibration_with_paper_model()
 
 
 def _compared(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, seed: int) -> "Trial":

@@ -30,12 +30,13 @@ if TYPE_CHECKING:
     from edmctl.jobs.job import Report
     from edmctl.jobs.measure_wear import ReferenceTouch, WearMeasurement
     from edmctl.jobs.plan import Plan
-    from edmctl.jobs.procedures import Approach, DriftMeasurement, Jumps, Procedure, ProcedureReport
+    from edmctl.jobs.procedures import Procedure, ProcedureReport
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.tool import ToolIdentity
 
 _R = TypeVar("_R", bound="Report | ProcedureReport")
 _P = TypeVar("_P", bound="Procedure")
+_T = TypeVar("_T")
 
 ResumeOption = Annotated[
     str | None,
@@ -82,7 +83,7 @@ DurationOption = Annotated[
 OutputOption = Annotated[
     Path | None, option("--output FILE", "Where to save it. Default: as the machine's own.")
 ]
-_IN_THE_JOURNAL = (
+_IN_THE_JOURNAL = [
     "profile",
     "overrides",
     "setup",
@@ -91,7 +92,7 @@ _IN_THE_JOURNAL = (
     "calibration",
     "allow_model",
     "new_tool",
-)
+]
 
 
 @command("machine", PROGRESS)
@@ -192,12 +193,7 @@ def approach(
         where = coordinates(float(forecast["x_um"]), float(forecast["y_um"]))
         _show_plan(outcome, f"{forecast['kind']} at {where}", forecast)
     else:
-        _perform(outcome, procedure, job, run, _surface_table)
-
-
-def _surface_table(done: "Approach", style: Style) -> str:
-    assert done.found is not None
-    return render_surface(done.found, style)
+        _perform(outcome, procedure, job, run, lambda done, style: render_surface(_made(done.found), style))
 
 
 @command("jump-flush", PROGRESS)
@@ -223,12 +219,7 @@ def jump_flush(
     if run.dry_run:
         _show_plan(outcome, "jump-flush", jumps.forecast())
     else:
-        _perform(outcome, jumps, job, run, _jumps_table)
-
-
-def _jumps_table(done: "Jumps", style: Style) -> str:
-    assert done.series is not None
-    return render_jumps(done.series, style)
+        _perform(outcome, jumps, job, run, lambda done, style: render_jumps(_made(done.series), style))
 
 
 @command("measure-wear", PROGRESS)
@@ -265,12 +256,11 @@ def _wear_table(done: "ReferenceTouch | WearMeasurement", style: Style) -> str:
 
     label = done.account.label
     if isinstance(done, ReferenceTouch):
-        assert done.touched is not None
-        reading, model_um = done.touched.reading, done.touched.model_um
+        touched = _made(done.touched)
+        reading, model_um = touched.reading, touched.model_um
         return render_reference(label, reading.mean_um, reading.sd_um, reading.touches, model_um, style)
-    assert done.found is not None
     name = done.bottom.name if done.bottom else label
-    return render_wear(name, done.found, done.account.worn_um, done.total_um, done.truth, style)
+    return render_wear(name, _made(done.found), done.account.worn_um, done.total_um, done.truth, style)
 
 
 @command("measure-drift", PROGRESS)
@@ -294,13 +284,18 @@ def measure_drift(
     if run.dry_run:
         _show_plan(outcome, "measure-drift", drift.forecast())
     else:
-        _perform(outcome, drift, job, run, _drift_table)
+
+        def table(done: DriftMeasurement, style: Style) -> str:
+            path, replaced = str(done.path), done.replaced
+            return render_drift(_made(done.found), done.truth, path, done.use, replaced=replaced, style=style)
+
+        _perform(outcome, drift, job, run, table)
 
 
-def _drift_table(done: "DriftMeasurement", style: Style) -> str:
-    assert done.found is not None
-    path, replaced = str(done.path), done.replaced
-    return render_drift(done.found, done.truth, path, done.use, replaced=replaced, style=style)
+def _made(result: _T | None) -> _T:
+    """Return what a procedure has found: it is only shown where there is something."""
+    assert result is not None
+    return result
 
 
 def _show_plan(outcome: Outcome, title: str, forecast: Mapping[str, object]) -> None:

@@ -41,7 +41,7 @@ def render_calibration(
     blocks = [_errors("held-out blocks", rows, style)]
     if found.validated is not None:
         blocks.append(_validation(found, found.validated, style))
-    blocks.append("\n".join([*_properties(found.identification), *_lever_lines(lever)]))
+    blocks.append("\n".join([*_properties(found.identification), *([render_lever(lever)] if lever else [])]))
     verdict = found.identification
     accepted = [f"Accepted {one}" for one in verdict.restrictions] or ["Accepted."]
     verdicts = [f"Not accepted: {problem}" for problem in verdict.problems] or accepted
@@ -126,7 +126,7 @@ def render_paper_trial(trial: PaperTrial, style: Style = PLAIN) -> str:
 
 def render_lever(lever: LeverFound) -> str:
     """Render the lever factor alone."""
-    return "\n".join(_lever_lines(lever))
+    return f"{'lever factor':{_NAME_WIDTH}}{lever.factor:.3f} ± {lever.u95:.3f}"
 
 
 def render_plan(plan: CalibrationPlan, style: Style = PLAIN) -> str:
@@ -172,9 +172,3 @@ def _properties(found: Identification) -> list[str]:
         "All of it on the scale of the sensor: how far that is off (`sensor.gain_u_rel`) is in none of the ±."
     )
     return [*(f"{name:{_NAME_WIDTH}}{text}" for name, text in lines.items()), by_sensor]
-
-
-def _lever_lines(lever: LeverFound | None) -> list[str]:
-    if lever is None:
-        return []
-    return [f"{'lever factor':{_NAME_WIDTH}}{lever.factor:.3f} ± {lever.u95:.3f}"]

@@ -72,17 +72,18 @@ def _block(
 def render_forecast(name: str, forecast: Forecast, style: Style = PLAIN) -> str:
     """Render the forecast of the job `name`."""
     cycle_ms = 1e3 * forecast.limit_cycle_period_s
+    steps = f"{forecast.cuts} passes" if forecast.channel_um > 0.0 else plural(forecast.cuts, "cut")
     rows = [
         *_work(forecast),
         _stroke(forecast),
-        _row("machining", duration(forecast.machining_time_s), _steps(forecast)),
-        _row("measuring", duration(forecast.measuring_time_s), plural(forecast.stops, "stop")),
-        _row("whole job", duration(forecast.time_s)),
-        _row("pulses", count(forecast.pulses), f"{forecast.spark_energy_uj:.0f} µJ each at most"),
-        _row("removal rate", removal_rate(forecast.mrr_mm3_min)),
-        _row("jumping", percent(forecast.jump_share), "of the time"),
-        _row("servo swing", f"± {forecast.limit_cycle_um:.3f} µm", f"every {cycle_ms:.0f} ms"),
-        _row("loop delay", f"{1e3 * forecast.loop_delay_s:.1f} ms"),
+        ("machining", duration(forecast.machining_time_s), steps),
+        ("measuring", duration(forecast.measuring_time_s), plural(forecast.stops, "stop")),
+        ("whole job", duration(forecast.time_s)),
+        ("pulses", count(forecast.pulses), f"{forecast.spark_energy_uj:.0f} µJ each at most"),
+        ("removal rate", removal_rate(forecast.mrr_mm3_min)),
+        ("jumping", percent(forecast.jump_share), "of the time"),
+        ("servo swing", f"± {forecast.limit_cycle_um:.3f} µm", f"every {cycle_ms:.0f} ms"),
+        ("loop delay", f"{1e3 * forecast.loop_delay_s:.1f} ms"),
     ]
     return render_columns([name, "forecast", ""], rows, style, align="<><")
 
@@ -106,55 +107,36 @@ def render_forecasts(named: Sequence[tuple[str, Forecast]], style: Style = PLAIN
 
 
 def _work(forecast: Forecast) -> list[Sequence[str]]:
-    depth, wear = length(forecast.depth_um), length(forecast.wear_um)
-    feed = length(forecast.feed_um)
+    depth, wear = ("depth", length(forecast.depth_um)), ("tool wear", length(forecast.wear_um))
+    feed = ("feed", length(forecast.feed_um))
+    if forecast.channel_um > 0.0:
+        channel = ("channel", length(forecast.channel_um), plural(forecast.layers, "layer"))
+        return [channel, depth, (*wear, "over the whole channel"), feed]
     beyond_um = forecast.feed_um - forecast.depth_um - forecast.wear_um
     beyond = f", {length(beyond_um)} of it behind the sheet" if beyond_um > LEAST_BEYOND_UM else ""
-    if forecast.channel_um > 0.0:
-        return [
-            _row("channel", length(forecast.channel_um), plural(forecast.layers, "layer")),
-            _row("depth", depth),
-            _row("tool wear", wear, "over the whole channel"),
-            _row("feed", feed),
-        ]
-    rows = [
-        _row("depth", depth),
-        _row("tool wear", wear),
-        _row("feed", feed, f"{forecast.feed_rate_um_s:.3f} µm/s{beyond}"),
-        _row(
-            "roughness",
-            f"Ra {forecast.ra_um:.2f} µm, Rz {forecast.rz_um:.2f} µm",
-            "by the laws of the process",
-        ),
+    surface = f"Ra {forecast.ra_um:.2f} µm, Rz {forecast.rz_um:.2f} µm"
+    rows: list[Sequence[str]] = [
+        depth,
+        wear,
+        (*feed, f"{forecast.feed_rate_um_s:.3f} µm/s{beyond}"),
+        ("roughness", surface, "by the laws of the process"),
     ]
-    rows += [
-        _row(
-            f"regime {regime.name}",
-            f"to {length(regime.depth_um)}",
-            f"{duration(regime.machining_time_s)}, wear {length(regime.wear_um)}, Ra {regime.ra_um:.2f} µm",
+    for regime in forecast.regimes:
+        costs = (
+            f"{duration(regime.machining_time_s)}, wear {length(regime.wear_um)}, Ra {regime.ra_um:.2f} µm"
         )
-        for regime in forecast.regimes
-    ]
+        rows.append((f"regime {regime.name}", f"to {length(regime.depth_um)}", costs))
     if forecast.holes == 1:
         return rows
-    worn = _row("tool wear", length(forecast.tool_wear_um), "in all")
-    holes = _row("holes", count(forecast.holes))
+    worn, holes = ("tool wear", length(forecast.tool_wear_um), "in all"), ("holes", count(forecast.holes))
     if forecast.depth_min_um < forecast.depth_um:
-        depths = f"{forecast.depth_min_um:.2f} to {depth}"
-        return [holes, _row("depth", depths), *[(*row[:2], "at most") for row in rows[1:]], worn]
+        depths = ("depth", f"{forecast.depth_min_um:.2f} to {length(forecast.depth_um)}")
+        return [holes, depths, *[(*row[:2], "at most") for row in rows[1:]], worn]
     return [holes, *[(*row, "each") if len(row) == 2 else row for row in rows], worn]
 
 
 def _stroke(forecast: Forecast) -> Sequence[str]:
     available = length(forecast.stroke_available_um)
     if forecast.holes > 1 and forecast.holes_in_reach < forecast.holes:
-        return _row("stroke", available, f"for the first {plural(forecast.holes_in_reach, 'hole')} only")
-    return _row("stroke", length(forecast.stroke_um), f"of {available}")
-
-
-def _steps(forecast: Forecast) -> str:
-    return f"{forecast.cuts} passes" if forecast.channel_um > 0.0 else plural(forecast.cuts, "cut")
-
-
-def _row(name: str, value: str, remark: str = "") -> Sequence[str]:
-    return (name, value, remark) if remark else (name, value)
+        return ("stroke", available, f"for the first {plural(forecast.holes_in_reach, 'hole')} only")
+    return ("stroke", length(forecast.stroke_um), f"of {available}")

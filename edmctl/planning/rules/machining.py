@@ -32,8 +32,7 @@ from edmctl.planning.removal import (
     usual_depth_um,
 )
 from edmctl.planning.rules.bound import Bound, Finding, Findings, rounded_down, rounded_up
-from edmctl.process.discharge import pulse_energy_uj
-from edmctl.process.erosion import LAW, material, materials
+from edmctl.process.erosion import LAW, material, materials, pulse_energy_uj
 from edmctl.profile.model import Profile, Pulse, SimSettings
 from edmctl.profile.places import Place
 from edmctl.profile.tables import KeyPath

@@ -31,7 +31,7 @@ from edmctl.procedures.settings import gap_reference_v
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import approach_bottom
 from edmctl.process.channel import HeldTool, ToolWear, Way, channel_width_um, passes_needed, wearing_uj
-from edmctl.process.discharge import hole_area_um2
+from edmctl.process.erosion import hole_area_um2
 from edmctl.process.touches import TOUCH_U_UM
 from edmctl.profile.model import Profile
 from edmctl.profile.places import Place

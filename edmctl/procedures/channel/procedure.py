@@ -37,7 +37,7 @@ from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT
 from edmctl.procedures.touch.surfaces import SurfacePlane
 from edmctl.process.channel import HeldTool, channel_width_um, layer_depths_um, wearing_uj
-from edmctl.process.discharge import first_gap_u_um, mrr_mm3_min
+from edmctl.process.erosion import first_gap_u_um, mrr_mm3_min
 from edmctl.process.next_cut import NOISE_FLOOR_SIGMAS
 from edmctl.process.touches import TOUCH_U_UM, share_u
 from edmctl.profile.places import Place

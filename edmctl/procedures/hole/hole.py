@@ -14,7 +14,7 @@ from edmctl.procedures.job import CutTotals, JobState, RegimeBegun, RunningCut
 from edmctl.procedures.run import MACHINING, MEASURING, JobRun
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.procedures.touch.surfaces import SurfacePlane, drift_between, pad_u_um
-from edmctl.process.discharge import hole_area_um2, mrr_mm3_min, tool_area_um2
+from edmctl.process.erosion import hole_area_um2, mrr_mm3_min, tool_area_um2
 from edmctl.process.live_erosion import ErosionEstimate
 from edmctl.process.shared_wear import SharedWear
 from edmctl.process.touches import TOUCH_U_UM, DepthAndWear, measure

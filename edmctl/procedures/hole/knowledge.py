@@ -19,7 +19,7 @@ from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import pad_from_home_um
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.procedures.touch.surfaces import OFFSET_U_UM, SurfacePlane, ToolLength, drift_between, read_pad
-from edmctl.process.discharge import FIRST_GAP_U_UM, first_gap_u_um, first_sparks_um
+from edmctl.process.erosion import FIRST_GAP_U_UM, first_gap_u_um, first_sparks_um
 from edmctl.process.live_erosion import SCATTER_BETWEEN_HOLES, LiveErosion
 from edmctl.process.next_cut import CLEAR_SIGMAS, GAP_U_UM
 from edmctl.process.shared_wear import SharedWear, WearShare, share_wear
