@@ -102,11 +102,8 @@ def _in_background(line: str, folder: Path, env: dict[str, str]) -> subprocess.P
 
 @pytest.mark.slow
 def test_every_command_of_the_pages_works(tmp_path: Path) -> None:
-    """The pages are typed side by side: most of the time is waiting for processes.
-
-    One test: workers that share several out would each type all.
-    """
-    with ThreadPoolExecutor(len(PAGES)) as pool:
+    """The pages are typed side by side. One test: workers that share several out would each type all."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
         newcomers = [newcomer(tmp_path / str(number)) for number in range(len(PAGES))]
         failures = dict(zip(PAGES, pool.map(failures_of, PAGES, *zip(*newcomers, strict=True)), strict=True))
     assert {page: failed for page, failed in failures.items() if failed} == {}
