@@ -127,8 +127,7 @@ def main() -> None:
     from edmctl.planning.rules.load import load_profile
     from edmctl.profile.setup import Setup
     from edmctl.simulator import open_bench
-    from edmctl.simulator.endpoints import PtyEndpoint
-    from edmctl.simulator.serve import Server
+    from edmctl.simulator.serve import PtyEndpoint, Server
 
     link, seed, file, profile, *overrides = sys.argv[1:]
     bench = open_bench(bench_config(load_profile(profile, tuple(overrides)), Setup()), int(seed))

@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Any, cast
 import serial
 from serial.rfc2217 import PortManager
 
-from edmctl.simulator.endpoints import PtyEndpoint
-from edmctl.simulator.serve import Server
+from edmctl.simulator.serve import PtyEndpoint, Server
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from edmctl.simulator import VirtualBench
-    from edmctl.simulator.endpoints import Endpoint
+    from edmctl.simulator.serve import Endpoint
 
 
 @contextmanager

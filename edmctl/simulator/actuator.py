@@ -15,7 +15,7 @@ from edmctl.core.library import library
 from edmctl.link.messages import PARAMS
 from edmctl.simulator.config import BenchConfig
 from edmctl.simulator.plant import Plant
-from edmctl.simulator.plant_interface import TICK_S
+from edmctl.simulator.plant_records import TICK_S
 from edmctl.simulator.unit import BLOCK
 
 RATE_HZ = 1.0 / TICK_S

@@ -15,7 +15,7 @@ from edmctl.simulator.config import FIRMWARE_FLOAT, STM32, BenchConfig
 from edmctl.simulator.controller import Controller
 from edmctl.simulator.injection import Injection, LineDamage, LineState
 from edmctl.simulator.plant import Plant
-from edmctl.simulator.plant_interface import TICK_S
+from edmctl.simulator.plant_records import TICK_S
 
 SETTLE_TICKS, MOST_SETTLES = 50, 2000
 

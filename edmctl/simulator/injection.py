@@ -12,8 +12,7 @@ from edmctl.core.library import PACK
 from edmctl.dataclasses import dataclass
 from edmctl.link.faults import FAULTS
 from edmctl.link.messages import Advance, ResetCause, State
-from edmctl.simulator.plant_interface import TICK_S
-from edmctl.simulator.plant_state import STUCK_AT_CONTACT, STUCK_AT_GENERATOR
+from edmctl.simulator.plant_records import STUCK_AT_CONTACT, STUCK_AT_GENERATOR, TICK_S
 
 HUGE = 1e12
 BATTERY_V, LOW_BATTERY_V = 9.0, 4.5

@@ -25,8 +25,7 @@ from edmctl.process.erosion import (
     working_gap_um,
 )
 from edmctl.simulator.config import BenchConfig, DischargeConstants, drawn
-from edmctl.simulator.plant_interface import TICK_NS, Drive, Readings
-from edmctl.simulator.plant_state import BURNING, Machine, PlantState, Scope, Unit
+from edmctl.simulator.plant_records import BURNING, TICK_NS, Drive, Machine, PlantState, Readings, Scope, Unit
 from edmctl.simulator.unit import RandomBlocks, draw_actuator, set_actuator
 from edmctl.simulator.work_under_tool import Chips, WorkUnderTool
 

@@ -24,12 +24,10 @@ from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.config import BenchConfig, DischargeConstants
 from edmctl.simulator.controller import Controller
 from edmctl.simulator.plant import Plant
-from edmctl.simulator.plant_interface import MOST_PULSES, PATH_LINES
-from edmctl.simulator.plant_state import BURNING
+from edmctl.simulator.plant_records import BURNING, MOST_PULSES, PATH_LINES
 from edmctl.simulator.unit import BLOCK
 from edmctl.simulator.waveforms import PULSE, PULSE_COLUMNS, SAMPLE_NS, RecentPulses, Waveforms
-from edmctl.simulator.work_under_tool import Hole
-from edmctl.simulator.workpiece import MOST_CELLS, TILE
+from edmctl.simulator.work_under_tool import MOST_CELLS, TILE, Hole
 
 State = Mapping[str, Any]
 """Names of arrays, numbers, texts and further states."""

@@ -16,8 +16,7 @@ import numpy as np
 
 from edmctl.array_types import Array
 from edmctl.core.library import library
-from edmctl.simulator.plant_interface import TICK_S
-from edmctl.simulator.plant_state import CREEP_TERMS, PLAYS, TABLE, PlantState, Unit
+from edmctl.simulator.plant_records import CREEP_TERMS, PLAYS, TABLE, TICK_S, PlantState, Unit
 
 BLOCK = 32768
 """Random numbers that are drawn at once."""

@@ -16,7 +16,7 @@ from edmctl.core.library import library
 from edmctl.dataclasses import dataclass
 from edmctl.link.messages import WaveformReadReply
 from edmctl.simulator.plant import Plant
-from edmctl.simulator.plant_interface import TICK_NS
+from edmctl.simulator.plant_records import TICK_NS
 
 PLATEAU_NOISE = 0.025  # rms over plateau voltage [assumed]
 VOLTAGE_NOISE_V, CURRENT_NOISE_A = 0.05, 0.0005  # rms of the converters [assumed]

@@ -1,4 +1,4 @@
-/* Made from plant_state.py and plant_interface.py in edmctl/simulator by `python -m tools.generate`; edit those. */
+/* Made from plant_records.py in edmctl/simulator by `python -m tools.generate`; edit those. */
 #ifndef EDM_PLANT_RECORDS_H
 #define EDM_PLANT_RECORDS_H
 

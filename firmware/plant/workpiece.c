@@ -1,4 +1,4 @@
-/* Cells of the work under a tool: what sinks with its face, and what becomes of them (edmctl/simulator/workpiece.py). */
+/* Cells of the work under a tool: what sinks with its face, and what becomes of them (edmctl/simulator/work_under_tool.py). */
 #include "plant.h"
 
 #include "../math/elementary.h"

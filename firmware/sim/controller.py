@@ -22,7 +22,7 @@ from edmctl.link.messages import (
     Status,
 )
 from edmctl.simulator.injection import Injector, Trigger
-from edmctl.simulator.plant_interface import TICK_NS
+from edmctl.simulator.plant_records import TICK_NS
 
 from .addresses import CCM_AT
 from .chip import FLASH_AT, LOCKED_UP, PC, Chip, ChipFailed, Reset

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.simulator.plant_state import SCOPE_PULSES
+from edmctl.simulator.plant_records import SCOPE_PULSES
 from edmctl.simulator.waveforms import CURRENT_NOISE_A, PLATEAU_NOISE, VOLTAGE_NOISE_V
 
 from .addresses import (
@@ -43,8 +43,7 @@ from .registers import SAMPLES_FROM, SCAN_FROM, SCAN_PHASE, SCANS_END
 
 if TYPE_CHECKING:
     from edmctl.array_types import Array
-    from edmctl.simulator.plant_interface import Readings
-    from edmctl.simulator.plant_state import Scope, Unit
+    from edmctl.simulator.plant_records import Readings, Scope, Unit
 
     from .circuit import Bench
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.simulator.plant_interface import TICK_NS
-from edmctl.simulator.plant_state import SCOPE_PULSES
+from edmctl.simulator.plant_records import SCOPE_PULSES, TICK_NS
 
 from .addresses import (
     DMA1,
@@ -32,8 +31,7 @@ from .registers import BASE_84
 if TYPE_CHECKING:
     import numpy as np
 
-    from edmctl.simulator.plant_interface import Readings
-    from edmctl.simulator.plant_state import Scope
+    from edmctl.simulator.plant_records import Readings, Scope
 
     from .circuit import Bench
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import Clock, Hello, HelloReply, Reboot, Status, Tlm
-from edmctl.simulator.plant_interface import TICK_S
+from edmctl.simulator.plant_records import TICK_S
 
 from .line import UNHURRIED
 

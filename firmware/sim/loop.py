@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from edmctl.array_types import Array
-    from edmctl.simulator.plant_interface import Drive, Readings
-    from edmctl.simulator.plant_state import Scope, Unit
+    from edmctl.simulator.plant_records import Drive, Readings, Scope, Unit
 
     from .circuit import Bench
 

@@ -51,7 +51,7 @@ from .steps import TICK_LATE, take_steps
 if TYPE_CHECKING:
     import numpy as np
 
-    from edmctl.simulator.plant_interface import Drive, Readings
+    from edmctl.simulator.plant_records import Drive, Readings
 
     from .circuit import Bench
 

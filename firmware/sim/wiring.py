@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.simulator.plant_interface import TICK_NS
+from edmctl.simulator.plant_records import TICK_NS
 
 from .addresses import DMA1, TIM5, TIM_CR1, word
 from .circuit import SWITCH_OFF_NS
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from edmctl.array_types import Array
-    from edmctl.simulator.plant_interface import Drive, Readings
-    from edmctl.simulator.plant_state import Scope, Unit
+    from edmctl.simulator.plant_records import Drive, Readings, Scope, Unit
 
     from .circuit import Bench
 

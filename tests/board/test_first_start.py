@@ -17,7 +17,7 @@ import pytest
 from edmctl.board.commands.first_start import Terminal
 from edmctl.board.first_start import checklist, generator, run  # noqa: F401
 from edmctl.board.first_start.checklist import ACTS, DECLARED, PROMPTS, QUESTIONS
-from edmctl.board.first_start.person import VirtualHands
+from edmctl.board.first_start.run import VirtualHands
 from edmctl.machine.controller import LinkMachine
 from edmctl.profile.setup import Setup
 from edmctl.simulator import BenchConfig, VirtualBench

@@ -20,7 +20,7 @@ from edmctl.procedures.run import JobRun, JobStateKeeper
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal
 from edmctl.simulator.saving import bench_state, restored_bench
-from edmctl.simulator.workpiece import TILE
+from edmctl.simulator.work_under_tool import TILE
 from tests.cli.commands import CU270, Here, Said
 from tests.golden import once
 

@@ -22,9 +22,8 @@ from edmctl.machine.interface import default_settings
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.simulator import BenchConfig, open_bench
-from edmctl.simulator.endpoints import PtyEndpoint, SocketEndpoint
 from edmctl.simulator.injection import parse_injection
-from edmctl.simulator.serve import Server
+from edmctl.simulator.serve import PtyEndpoint, Server, SocketEndpoint
 from tests.cli.commands import CU270, SHALLOW, Here, in_process_of_its_own
 from tests.serving import bridged, serving
 from tests.tiers import tiers

@@ -17,7 +17,7 @@ from edmctl.record.journal import read_journal, write_journal
 from edmctl.record.ledger import Ledger, SiteMachined, history_of
 from edmctl.record.reader import open_run
 from edmctl.record.rows import RunEvent
-from edmctl.simulator.plant_interface import TICK_S
+from edmctl.simulator.plant_records import TICK_S
 from edmctl.simulator.saving import restored_bench
 from edmctl.simulator.work_under_tool import Chip
 from tests.cli.commands import ROOT

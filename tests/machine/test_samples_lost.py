@@ -15,7 +15,7 @@ from edmctl.machine.controller import LinkMachine
 from edmctl.machine.inbox import OLDEST_SAMPLE_S
 from edmctl.machine.interface import Axis, JumpRequest, MachineState, TouchRequest
 from edmctl.simulator.injection import parse_injection
-from edmctl.simulator.plant_interface import TICK_S
+from edmctl.simulator.plant_records import TICK_S
 
 from .conftest import TELEMETRY, Heard
 

@@ -34,7 +34,7 @@ from edmctl.quantity import half_width
 from edmctl.record.json_rows import site_result_of
 from edmctl.record.ledger import HomeSeen, MachineHistory
 from edmctl.results.progress import Phase
-from edmctl.simulator.plant_interface import TICK_S
+from edmctl.simulator.plant_records import TICK_S
 from tests.procedures.conftest import Kept, Shop, armed, refused
 from tests.tiers import tiers
 

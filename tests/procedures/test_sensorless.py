@@ -14,7 +14,7 @@ from edmctl.procedures.displacement_estimate import SensorlessMachine
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.record.rows import RunEvent
-from edmctl.simulator.plant_interface import TICK_S
+from edmctl.simulator.plant_records import TICK_S
 from tests.tiers import tiers
 
 from .conftest import Done, Shop, calibrated, refused

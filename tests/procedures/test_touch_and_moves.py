@@ -14,7 +14,7 @@ from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, find_gap, lower_to, raise_by
 from edmctl.procedures.touch.reading import take_reading
 from edmctl.record.rows import RunEvent
-from edmctl.simulator.plant_interface import TICK_S
+from edmctl.simulator.plant_records import TICK_S
 from tests.tiers import tiers
 
 from .conftest import Shop, armed, refused

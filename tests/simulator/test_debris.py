@@ -14,7 +14,7 @@ from edmctl.link.messages import PulseClass
 from edmctl.process.erosion import removal_um3_per_uj
 from edmctl.simulator import BenchConfig, DischargeConstants
 from edmctl.simulator.plant import Plant
-from edmctl.simulator.plant_interface import TICK_NS, TICK_S
+from edmctl.simulator.plant_records import TICK_NS, TICK_S
 from tests.simulator import struck_pulses
 from tests.tiers import tiers
 

@@ -9,13 +9,13 @@ import pytest
 
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.plant import Plant
-from edmctl.simulator.plant_state import STUCK_AT_CONTACT, STUCK_AT_GENERATOR
+from edmctl.simulator.plant_records import STUCK_AT_CONTACT, STUCK_AT_GENERATOR
 from tests.conformance import acts
 from tests.conformance.lines import InProcess
 from tests.conformance.peer import Peer
 
 if TYPE_CHECKING:
-    from edmctl.simulator.plant_interface import Drive, Readings
+    from edmctl.simulator.plant_records import Drive, Readings
 
 
 class Told:

@@ -9,7 +9,7 @@ import pytest
 
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.plant import Plant
-from edmctl.simulator.plant_interface import Drive, Readings
+from edmctl.simulator.plant_records import Drive, Readings
 
 FIRMWARE = Path(__file__).parents[2] / "firmware"
 

@@ -31,7 +31,7 @@ from tests.tiers import tiers
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from edmctl.simulator.plant_interface import Drive, Readings
+    from edmctl.simulator.plant_records import Drive, Readings
     from tests.simulator.conftest import Rig, RigMaker
 
 NEAR = BenchConfig(offset_um=20.0, discharge=DischargeConstants(scatter=0.4))

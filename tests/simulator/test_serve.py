@@ -19,10 +19,9 @@ from edmctl.link import messages as m
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.opening import open_line
 from edmctl.link.session import Session
-from edmctl.simulator import BenchConfig, endpoints, open_bench
-from edmctl.simulator.endpoints import Endpoint, PtyEndpoint, SocketEndpoint
+from edmctl.simulator import BenchConfig, open_bench, serve
 from edmctl.simulator.injection import parse_injection
-from edmctl.simulator.serve import EventMonitor, Server
+from edmctl.simulator.serve import Endpoint, EventMonitor, PtyEndpoint, Server, SocketEndpoint
 from tests.serving import serving
 
 if TYPE_CHECKING:
@@ -156,7 +155,7 @@ def test_only_a_client_that_is_silent_makes_room_for_another(monkeypatch: pytest
     endpoint = SocketEndpoint("127.0.0.1", 0, said.append)
     with running(Server(bench, endpoint, 1.0), endpoint), client_of(endpoint) as silent:
         assert until(endpoint.has_client)
-        monkeypatch.setattr(endpoints, "SILENT_S", 0.2)
+        monkeypatch.setattr(serve, "SILENT_S", 0.2)
         time.sleep(0.3)
         silent.sendall(b"\0no frame at all\0")
         with client_of(endpoint) as second:
@@ -193,7 +192,7 @@ def test_a_socket_with_a_secret_takes_who_knows_it_and_nobody_else(monkeypatch: 
                 assert busy.value.code == "E4006"
                 session.close()
                 assert half_open.recv(100).startswith(gate.GREETING + gate.CHALLENGE)
-            monkeypatch.setattr(endpoints, "GATE_S", 0.1)
+            monkeypatch.setattr(serve, "GATE_S", 0.1)
             seen = rude.makefile("rb").read()
             assert seen.endswith(gate.line_of(gate.REFUSED))
     assert SECRET not in b"".join(text.encode() for text in said) + seen
@@ -204,8 +203,8 @@ def test_strangers_at_the_gate_are_few_and_do_not_stay(monkeypatch: pytest.Monke
     endpoint = SocketEndpoint("127.0.0.1", 0, secret=SECRET)
     with running(Server(bench, endpoint, 1.0), endpoint), ExitStack() as others:
         strangers = [others.enter_context(client_of(endpoint)) for _ in range(40)]
-        assert until(lambda: len(endpoint.descriptors()) == 1 + endpoints.MOST_AT_GATE)
-        monkeypatch.setattr(endpoints, "GATE_S", 0.1)
+        assert until(lambda: len(endpoint.descriptors()) == 1 + serve.MOST_AT_GATE)
+        monkeypatch.setattr(serve, "GATE_S", 0.1)
         assert until(lambda: len(endpoint.descriptors()) == 1)
         for stranger in strangers:
             assert stranger.makefile("rb").read().splitlines()[-1].startswith(gate.GREETING)
@@ -213,12 +212,12 @@ def test_strangers_at_the_gate_are_few_and_do_not_stay(monkeypatch: pytest.Monke
 
 
 def test_only_this_computer_is_loopback() -> None:
-    assert endpoints.is_loopback(endpoints.address_of("localhost"))
-    assert not endpoints.is_loopback(endpoints.address_of("0.0.0.0"))
-    assert not endpoints.is_loopback("::")
+    assert serve.is_loopback(serve.address_of("localhost"))
+    assert not serve.is_loopback(serve.address_of("0.0.0.0"))
+    assert not serve.is_loopback("::")
     for nobody in ("a..b", ".", "no such host"):
         with pytest.raises(LinkLost, match="no such host"):
-            endpoints.address_of(nobody)
+            serve.address_of(nobody)
 
 
 def test_whoever_comes_back_at_once_is_not_kept_out_by_itself() -> None:

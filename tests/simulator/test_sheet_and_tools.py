@@ -11,7 +11,7 @@ import pytest
 from edmctl.core.library import library
 from edmctl.link import messages as m
 from edmctl.simulator import BenchConfig, SensorConstants
-from edmctl.simulator.plant_interface import TICK_S
+from edmctl.simulator.plant_records import TICK_S
 from edmctl.simulator.saving import bench_state, restored_bench
 
 if TYPE_CHECKING:

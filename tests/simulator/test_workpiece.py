@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from edmctl.simulator.workpiece import TILE, Footprint, Tip, Workpiece
+from edmctl.simulator.work_under_tool import TILE, Footprint, Tip, Workpiece
 
 CELL_UM = 5.0
 ROUND = Tip(135.0, 143.0, 4.0)

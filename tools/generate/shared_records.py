@@ -6,7 +6,7 @@ import ctypes
 from typing import TYPE_CHECKING
 
 from edmctl.core import library
-from edmctl.simulator import plant_interface, plant_state
+from edmctl.simulator import plant_records
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -14,19 +14,19 @@ if TYPE_CHECKING:
     from edmctl.core.records import Record
 
 _RECORDS: dict[str, type[Record]] = {
-    "unit": plant_state.Unit,
-    "plant": plant_state.PlantState,
-    "scope": plant_state.Scope,
-    "drive": plant_interface.Drive,
-    "readings": plant_interface.Readings,
-    "machine": plant_state.Machine,
-    "cells": plant_state.Cells,
+    "unit": plant_records.Unit,
+    "plant": plant_records.PlantState,
+    "scope": plant_records.Scope,
+    "drive": plant_records.Drive,
+    "readings": plant_records.Readings,
+    "machine": plant_records.Machine,
+    "cells": plant_records.Cells,
 }
 _CONSTANTS = {
-    "MOST_PULSES": plant_interface.MOST_PULSES,
-    "PATH_LINES": plant_interface.PATH_LINES,
+    "MOST_PULSES": plant_records.MOST_PULSES,
+    "PATH_LINES": plant_records.PATH_LINES,
     **{
-        name: getattr(plant_state, name)
+        name: getattr(plant_records, name)
         for name in (
             "TABLE",
             "PLAYS",
@@ -56,7 +56,7 @@ _HEAD = """\
 
 def plant_header() -> str:
     """Return the records of the plant."""
-    return _header("PLANT", "plant_state.py and plant_interface.py in edmctl/simulator", _CONSTANTS, _RECORDS)
+    return _header("PLANT", "plant_records.py in edmctl/simulator", _CONSTANTS, _RECORDS)
 
 
 def host_header() -> str:

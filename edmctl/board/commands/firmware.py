@@ -24,8 +24,11 @@ from edmctl.cli.options import (
 from edmctl.cli.outcome import Outcome, Output, mutter, tell
 from edmctl.cli.signals import shell
 from edmctl.files import user_path
+from edmctl.wording import dotted
 
 if TYPE_CHECKING:
+    from edmctl.board.board_firmware import BoardFacts
+    from edmctl.board.image import Image
     from edmctl.core.boards import Board
 
 BoardOption = Annotated[
@@ -99,7 +102,6 @@ def build(
     from dataclasses import asdict
 
     from edmctl.board.board_build import COMPILERS, SUFFIXES, build_board
-    from edmctl.board.commands.tables import render_image
     from edmctl.core.boards import BOARDS, HOST
     from edmctl.core.build import REALS, ZIG, built
 
@@ -144,7 +146,6 @@ def info(outcome: Outcome, what: WhatArgument, setup: SetupOption = None, wait: 
     No session is opened, so a job on the board continues.
     """
     from edmctl.board.board_firmware import board_at, image_warnings
-    from edmctl.board.commands.tables import render_board, render_image
     from edmctl.board.image import read_image
     from edmctl.profile.setup import load_setup
 
@@ -222,3 +223,56 @@ def _confirm(output: Output, settings: str, board: "Board", *, is_off: bool) -> 
     )
     if sys.stdin.readline().strip() != _ANSWER:
         raise failures.high_voltage_on()
+
+
+def render_image(image: "Image") -> str:
+    """Render what an image is, and of an ELF the memory that it takes."""
+    from edmctl.board.image import hexadecimal
+    from edmctl.board.settings import settings_text
+
+    record, used = image.record, image.used_bytes()
+    rows = [
+        ("image", f"{image.path} ({image.kind}), whole"),
+        ("board", f"{image.board_name} (board {record.board})"),
+        ("firmware", dotted(record.firmware)),
+        ("protocol", dotted(record.protocol)),
+        ("schema", _schema(record.schema_hash, is_same=image.has_same_schema)),
+        ("size", f"{record.size_bytes} bytes"),
+        ("CRC-32", hexadecimal(record.crc32)),
+        ("settings", settings_text(image.settings)),
+    ]
+    if used:
+        rows.append(("memory", ", ".join(f"{memory} {size} bytes" for memory, size in used.items())))
+    return _pairs(rows)
+
+
+def render_board(board: "BoardFacts") -> str:
+    """Render what a controller reports."""
+    unknown = "not reported"
+    rows = [
+        ("port", board.port),
+        ("controller", board.serial or unknown),
+        ("board", unknown if board.board is None else f"{board.board_name} (board {board.board})"),
+        ("firmware", dotted(board.firmware) if board.firmware else unknown),
+        ("protocol", dotted(board.protocol)),
+        ("schema", _schema(board.schema, is_same=board.has_same_schema)),
+    ]
+    if board.differing:
+        rows.append(("differing", ", ".join(board.differing)))
+    if board.state is not None:
+        fault = f", fault {board.fault} is latched" if board.fault else ""
+        rows.append(("state", f"{board.state}{fault}"))
+    if board.boot_count is not None:
+        rows.append(("boots", str(board.boot_count)))
+    return _pairs(rows)
+
+
+def _schema(number: int, *, is_same: bool) -> str:
+    from edmctl.board.image import hexadecimal
+
+    return f"{hexadecimal(number)}, {'that' if is_same else 'not that'} of this edmctl"
+
+
+def _pairs(rows: list[tuple[str, str]]) -> str:
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:{width}}  {text}" for name, text in rows)

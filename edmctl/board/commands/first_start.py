@@ -21,6 +21,7 @@ from edmctl.cli.options import (
     option,
 )
 from edmctl.cli.outcome import Outcome, mutter, tell
+from edmctl.cli.render.terminal import PLAIN, Ink, Style
 from edmctl.cli.signals import shell
 from edmctl.jsonout import render_json
 
@@ -61,9 +62,8 @@ def first_start(
     """
     from dataclasses import replace
 
-    from edmctl.board.first_start.person import ALL_ALLOWED, read_answers
+    from edmctl.board.first_start.run import ALL_ALLOWED, read_answers, verdict
     from edmctl.board.first_start.run import first_start as run
-    from edmctl.board.first_start.run import verdict
     from edmctl.jobs.connect import controller_warning, known_controller, seed_warning
     from edmctl.jobs.output_files import check_folder
     from edmctl.jobs.plan import where_is
@@ -107,7 +107,6 @@ def _line(item: "Item") -> str:
 
 def _write_report(outcome: Outcome, report: "FirstStartReport", out: Path) -> None:
     """Write the report as text and as JSON, and set it as the result."""
-    from edmctl.board.commands.tables import render_first_start
     from edmctl.jobs.output_files import make_folder, write
 
     make_folder(out)
@@ -136,7 +135,7 @@ class Terminal:
     def ask(self, key: str) -> str:
         """Ask until the reply is one of the options, a number, or skips; a dangerous step takes the whole word."""
         from edmctl.board.first_start.checklist import PROMPTS
-        from edmctl.board.first_start.person import is_number
+        from edmctl.board.first_start.run import is_number
 
         prompt = PROMPTS[key]
         listed = ", ".join(prompt.options).replace("done", "Enter when done") or "a number"
@@ -181,3 +180,44 @@ class Terminal:
         if not replies[0]:
             raise failures.terminal_closed()
         return replies[0].strip().lower()
+
+
+_INKS = {
+    "pass": Ink.SIGNAL,
+    "answered": Ink.FAINT,
+    "fail": Ink.ERROR,
+    "skipped": Ink.WARNING,
+    "absent": Ink.FAINT,
+}
+
+
+def render_first_start(report: "FirstStartReport", style: Style = PLAIN) -> str:
+    """Render every item under its part, and a summary."""
+    lines, part = [f"First start of {report.machine}, {report.started}"], ""
+    for item in report.items:
+        if item.part != part:
+            part = item.part
+            lines += ["", style.paint(part, Ink.STRONG)]
+        lines += _item(item, style)
+    counts = [(status, sum(item.status == status for item in report.items)) for status in _INKS]
+    lines += ["", f"{', '.join(f'{n} {status}' for status, n in counts if n)}."]
+    if report.absent:
+        absent = [f"{item.title} ({item.reason})" for item in report.items if item.key in report.absent]
+        lines.append(f"Absent, not checked: {'; '.join(absent)}.")
+    if report.ended:
+        lines.append(f"Ended early: {report.ended}")
+    if not report.complete:
+        lines.append("Not complete: switch high voltage and amplifier off; the machine is not ready for use.")
+    return "\n".join(lines)
+
+
+def _item(item: "Item", style: Style) -> list[str]:
+    status = style.paint(f"{item.status:8}", _INKS[item.status])
+    lines = [f"{status}  {item.title}{item.reason and ': '}{item.reason}"]
+    if item.read:
+        rows = (("done", item.done), ("expected", item.expected), ("read", item.read))
+        lines += [f"{'':10}{name:10}{text}" for name, text in rows]
+    for cause in item.causes:
+        nets = f"; net {', '.join(cause.nets)}" if cause.nets else ""
+        lines.append(f"{'':10}{style.paint('likely    ', Ink.NOTE)}{cause.text}{nets}")
+    return lines

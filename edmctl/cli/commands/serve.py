@@ -26,8 +26,8 @@ from edmctl.machine.stop import StopRequest
 
 if TYPE_CHECKING:
     from edmctl.simulator import BenchConfig, VirtualBench
-    from edmctl.simulator.endpoints import Endpoint
     from edmctl.simulator.injection import Injection
+    from edmctl.simulator.serve import Endpoint
 
 FASTEST = "max"
 LEAST_SPEED, MOST_SPEED = 0.05, 1000.0
@@ -233,7 +233,7 @@ def _endpoint(
 ) -> "Callable[[Callable[[str], None]], Endpoint]":
     """Return what opens the socket, else a pty."""
     from edmctl.jobs.connect import read_secret
-    from edmctl.simulator.endpoints import PtyEndpoint, SocketEndpoint, address_of, is_loopback
+    from edmctl.simulator.serve import PtyEndpoint, SocketEndpoint, address_of, is_loopback
 
     if socket is None:
         if allow_remote or secret_file is not None:
