@@ -46,6 +46,7 @@ ALLOWED = {
     "record/opening.py: append_checksum": OWN,
     "record/opening.py: end_at_breaks": OWN,
     "board/emulated.py: image": SOURCE,
+    "board/first_start/checklist.py": "a file of the package",
     "simulator/serve.py: _hold": "the other end of a pseudo-terminal that this process has made",
 }
 """File, or file and function, that opens files itself, and why it may."""
