@@ -17,8 +17,7 @@ import typer
 from edmctl import failures
 from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, stream_style, unwritable
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
-from edmctl.errors import EdmError, UsageError
-from edmctl.exitcodes import ExitCode, exit_code_table
+from edmctl.errors import EdmError, ExitCode, UsageError, exit_code_table
 from edmctl.version import __version__
 
 _COMMANDS = {

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from edmctl import failures
-from edmctl.errors import Diagnostic, EdmError
-from edmctl.exitcodes import error_exit_code
+from edmctl.errors import Diagnostic, EdmError, error_exit_code
 from tools.generate.failures import Definition, definitions
 
 PACKAGE = Path(failures.__file__).parent

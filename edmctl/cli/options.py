@@ -16,7 +16,7 @@ from edmctl.cli import completion
 from edmctl.cli.outcome import Outcome, Output, mutter, run_command
 from edmctl.cli.signals import shell
 from edmctl.dataclasses import dataclass
-from edmctl.exitcodes import ExitCode
+from edmctl.errors import ExitCode
 from edmctl.files import user_path
 from edmctl.profile.folders import SETUP_VARIABLE
 

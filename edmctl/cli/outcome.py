@@ -16,8 +16,16 @@ from edmctl.cli.render.progress import EventReporter, LineReporter, Reporter
 from edmctl.cli.render.terminal import Style, style_of
 from edmctl.cli.signals import SignalArrived, ignore_signals, signal_name
 from edmctl.dataclasses import dataclass, field
-from edmctl.errors import Diagnostic, EdmError, Interrupted, MachineFault, ProfileError, RunFileError
-from edmctl.exitcodes import ExitCode, error_exit_code
+from edmctl.errors import (
+    Diagnostic,
+    EdmError,
+    ExitCode,
+    Interrupted,
+    MachineFault,
+    ProfileError,
+    RunFileError,
+    error_exit_code,
+)
 from edmctl.jsonout import SCHEMA, render_json, render_json_line
 from edmctl.start_up import refuse_wrong_clock
 

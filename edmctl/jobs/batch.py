@@ -15,8 +15,7 @@ from edmctl import failures
 from edmctl.core.library import library
 from edmctl.csv_text import table_text
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import Interrupted, ProfileError, RunFileError
-from edmctl.exitcodes import error_exit_code
+from edmctl.errors import Interrupted, ProfileError, RunFileError, error_exit_code
 from edmctl.jobs.job import Report, carry_out
 from edmctl.jobs.parallel import Lost, Program, cores, process_pool
 from edmctl.jobs.parallel import perform as side_by_side

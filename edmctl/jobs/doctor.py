@@ -37,7 +37,7 @@ from edmctl.procedures.settings import motion_settings
 from edmctl.profile.calibration import Calibration
 from edmctl.profile.folders import find_kept
 from edmctl.profile.setup import Setup, load_setup
-from edmctl.results.equipment import Check, CheckStatus
+from edmctl.results.measurements import Check, CheckStatus
 from edmctl.results.telemetry import LinkReport
 from edmctl.version import __version__
 from edmctl.wording import coordinates, decimal, dotted

@@ -22,8 +22,7 @@ from typing import Any, Generic, TypeVar
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import installing
-from edmctl.exitcodes import ExitCode
+from edmctl.errors import ExitCode, installing
 from edmctl.jobs.surroundings import Surroundings
 from edmctl.start_up import spare_start_up
 

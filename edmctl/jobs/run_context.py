@@ -20,8 +20,7 @@ from pathlib import Path
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass, field, replace
-from edmctl.errors import EdmError, RunFileError
-from edmctl.exitcodes import MEANING, ExitCode, error_exit_code
+from edmctl.errors import MEANING, EdmError, ExitCode, RunFileError, error_exit_code
 from edmctl.jobs.connect import connected, introduction
 from edmctl.jobs.connected_machine import ConnectedMachine, CreepNote
 from edmctl.jobs.corrections import Choice, DriftChoice, choose

@@ -1,4 +1,4 @@
-"""Results of single procedures: an approach, electrode jumps, a measurement of tool wear."""
+"""Results of single procedures (an approach, jumps, tool wear, drift), and of checks of what is connected."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from edmctl.labels import Basis
 
 if TYPE_CHECKING:
     from edmctl.results.job import Belief
+
+
+from enum import StrEnum
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,3 +157,49 @@ class WearResult:
     depth_basis: Basis | None
     wear_basis: Basis
     time_s: float
+
+
+class CheckStatus(StrEnum):
+    """How a check came out."""
+
+    OK = "ok"
+    WARN = "warn"
+    FAIL = "fail"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One line of `doctor`; `fix` is empty where there is nothing to put right."""
+
+    name: str
+    status: CheckStatus
+    message: str
+    fix: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """Who answered at a port. `fault` is the number of the latched fault, 0 for none."""
+
+    serial: str
+    firmware: str
+    protocol: str
+    state: str
+    fault: int
+    fault_name: str
+    simulated: bool
+
+
+@dataclass(frozen=True, slots=True)
+class PortRow:
+    """A port. `known`: `auto` may ask it; `controller` and `error` are None where it was not asked."""
+
+    device: str
+    description: str
+    usb_id: str
+    usb_serial: str
+    held_by: str
+    in_setup: bool
+    known: bool
+    controller: Controller | None
+    error: str | None

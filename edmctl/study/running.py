@@ -13,8 +13,7 @@ from pathlib import Path
 from edmctl import failures
 from edmctl.core.library import library
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import EdmError, Interrupted, RunFileError
-from edmctl.exitcodes import error_exit_code
+from edmctl.errors import EdmError, Interrupted, RunFileError, error_exit_code
 from edmctl.files import open_regular
 from edmctl.jobs.parallel import Lost, Pool, Program, perform
 from edmctl.jobs.plan import FRESH, JobRequest, MachineAddress, Plan, check

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from edmctl.board import emulated
-from edmctl.errors import PreconditionError
-from edmctl.exitcodes import MEANING
+from edmctl.errors import MEANING, PreconditionError
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.config import STM32
 from tests.cli.commands import Here

@@ -17,7 +17,7 @@ from edmctl.link.faults import FaultCode
 from edmctl.link.messages import ClearFault, ResetCause, State
 from edmctl.link.session import Session
 from edmctl.profile.setup import Sensor, Setup
-from edmctl.results.equipment import CheckStatus
+from edmctl.results.measurements import CheckStatus
 from edmctl.results.telemetry import LinkReport
 from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import parse_injection

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from edmctl.exitcodes import MEANING
+from edmctl.errors import MEANING
 from tests.cli.commands import ROOT, Here, environment, in_a_shell
 
 PAGES = [

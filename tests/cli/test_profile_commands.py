@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from edmctl.errors import ProfileError
-from edmctl.exitcodes import ExitCode
+from edmctl.errors import ExitCode, ProfileError
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.folders import shipped_profiles
 from edmctl.toml_text import toml_value

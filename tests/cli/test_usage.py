@@ -12,8 +12,7 @@ import pytest
 from edmctl.app import command_tree
 from edmctl.cli.render.help import render_help
 from edmctl.cli.render.terminal import Style
-from edmctl.errors import EdmError, UsageError
-from edmctl.exitcodes import MEANING, ExitCode
+from edmctl.errors import MEANING, EdmError, ExitCode, UsageError
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.version import __version__
 from tests.cli.commands import CU270, Here

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
-from edmctl.exitcodes import MEANING
+from edmctl.errors import MEANING
 from edmctl.labels import Verdict
 from edmctl.record import layout
 from edmctl.record.reader import open_run

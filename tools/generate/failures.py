@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from edmctl.exitcodes import MEANING, ExitCode
+from edmctl.errors import MEANING, ExitCode
 from tools.generate.text import quoted, table
 
 _ERRORS = Path(__file__).parents[2] / "edmctl" / "errors.toml"

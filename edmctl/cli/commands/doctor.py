@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from edmctl.link.ports import PortInfo
     from edmctl.machine.controller import LinkMachine
     from edmctl.profile.setup import Setup
-    from edmctl.results.equipment import Controller, PortRow
+    from edmctl.results.measurements import Controller, PortRow
 
 OutOption = Annotated[Path, option("--out DIR", "Folder of the run files.")]
 SensorsOption = Annotated[
@@ -174,7 +174,7 @@ def ports(outcome: Outcome, setup: SetupOption = None, probe: ProbeOption = Fals
 def _port_rows(setup: "Setup", *, probe: bool) -> "list[PortRow]":
     """Look at every port that is listed or named in the setup; with `probe` ask those that may be asked."""
     from edmctl.link.ports import listed_ports, probable_ports, same_port
-    from edmctl.results.equipment import PortRow
+    from edmctl.results.measurements import PortRow
 
     # A selector such as `auto` or `serial:ID` names no port.
     port = setup.port or ""
@@ -217,7 +217,7 @@ def _answers(setup: "Setup", known: "list[PortInfo]") -> "Mapping[str, tuple[Hel
 def _controller(hello: "HelloReply") -> "Controller":
     from edmctl.link.faults import FAULTS
     from edmctl.link.messages import State
-    from edmctl.results.equipment import Controller
+    from edmctl.results.measurements import Controller
 
     names = {int(code): row.name for code, row in FAULTS.items()}
     return Controller(

@@ -10,8 +10,7 @@ from edmctl.cli.render.result_table import beliefs_in_words
 from edmctl.cli.render.terminal import PLAIN, USUAL_COLUMNS, Ink, Style, render_columns, wrapped
 from edmctl.labels import Basis, basis_of, heading, marked, meanings
 from edmctl.quantity import half_width
-from edmctl.results.equipment import Check, PortRow
-from edmctl.results.measurements import DriftResult, JumpSeries, SurfaceFound, WearResult
+from edmctl.results.measurements import Check, DriftResult, JumpSeries, PortRow, SurfaceFound, WearResult
 from edmctl.wording import coordinates, decimal, duration, escaped, length, percent, plural, with_u95
 
 MOST_ROWS = 20
