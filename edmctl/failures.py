@@ -875,14 +875,6 @@ def series_table_not_csv(*, table: object) -> UsageError:
     return UsageError(f"--table {table} is no .csv file.", hint="Call it FILE.csv.", code="E2113")
 
 
-def fold_over_needs_two_levels(*, levels_count: object, factor: object) -> UsageError:
-    return UsageError(
-        f"A fold-over exchanges two levels of every factor; the design has {levels_count} of {factor}.",
-        hint="Add a replicate instead: leave out --fold-over.",
-        code="E2114",
-    )
-
-
 def record_file_unreadable(*, path: object, why: object, remedy: object) -> RecordError:
     return RecordError(f"Cannot read the record {path}: {why}.", hint=f"{remedy}", code="E3601")
 
@@ -2237,14 +2229,6 @@ def grid_too_small(*, places: object, runs: object) -> PreconditionError:
         f"The study's grid has {places} left beside those of the runs to make, and {runs} need one each.",
         hint="Add fewer runs; a study on new work is another one, in another folder.",
         code="E8207",
-    )
-
-
-def no_point_keeps_constraints() -> PreconditionError:
-    return PreconditionError(
-        "No point has a value of every objective and keeps the constraints.",
-        hint="Make more runs, or tell manual responses.",
-        code="E8208",
     )
 
 

@@ -378,8 +378,8 @@ def _notes(state: StudyState, designed: Sequence[StudyRun], added: Sequence[Stud
         notes.append(f"runs that failed are left out until somebody judges them: {number_ranges(failed)}")
     if extended := [run for run in designed if run.planned.number > len(plan.runs)]:
         notes.append(
-            f"runs {number_ranges(extended)} are replicates or fold-overs of the design that were added later, in "
-            "blocks of their own"
+            f"runs {number_ranges(extended)} are replicates of the design that were added later, in blocks of "
+            "their own"
         )
     if added:
         notes.append(

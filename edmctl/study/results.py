@@ -70,7 +70,6 @@ class ResponseInfo:
 
     @property
     def label(self) -> str:
-        """Name with its unit, unless that ends the name."""
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
 
@@ -149,7 +148,7 @@ class StudyPlan:
     costs: PlanCosts | None = None
 
     def is_of_design(self, run: PlannedRun) -> bool:
-        """Return whether a run is one of the design: planned, or of a replicate or fold-over that was added.
+        """Return whether a run is one of the design: planned, or of a replicate that was added.
 
         Suggested and confirmation runs are not, nor the centre runs that open and close their tools.
         """
@@ -213,7 +212,6 @@ class RunRow:
 
     @property
     def ok(self) -> bool:
-        """Whether the run came to its end."""
         return self.exit_code == 0
 
 
@@ -320,7 +318,6 @@ class ConfirmedResponse:
 
     @property
     def held(self) -> int:
-        """The number of runs within the interval."""
         return sum(self.low <= value <= self.high for value in self.measured)
 
 
@@ -337,17 +334,14 @@ class ConfirmedLimit:
 
     @property
     def is_kept(self) -> bool:
-        """Whether the mean keeps it."""
         return self.constraint.excess(self.mean) <= 0
 
     @property
     def is_shown(self) -> bool:
-        """Whether the bound keeps it too."""
         return self.upper is not None and self.constraint.excess(self.upper) <= 0
 
     @property
     def verdict(self) -> str:
-        """In words."""
         return "kept" if self.is_shown else "not shown to be kept" if self.is_kept else "NOT kept"
 
 

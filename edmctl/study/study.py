@@ -141,12 +141,9 @@ class Study:
         check(request_of(folder.base, own))
         return self._added(lambda state: suggested_runs(state, [own]))[-1]
 
-    def extend(self, *, fold_over: bool = False) -> list[PlannedRun]:
-        """Add one more replicate of the design, or its fold-over, in a block of its own; return its runs.
-
-        Raises UsageError E2114 if a fold-over has a factor without two levels.
-        """
-        return self._added(lambda state: extension_runs(state, is_folded=fold_over))
+    def extend(self) -> list[PlannedRun]:
+        """Add one more replicate of the design, in a block of its own; return its runs."""
+        return self._added(extension_runs)
 
     def _added(self, runs_of: Callable[[StudyState], list[PlannedRun]]) -> list[PlannedRun]:
         """Add runs that follow from the rows."""

@@ -118,41 +118,28 @@ def _next_seed(state: StudyState) -> int:
     return 1 + max(run.planned.seed for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION)
 
 
-def extension_runs(
-    state: StudyState, surroundings: Surroundings = NONE, *, is_folded: bool = False
-) -> list[PlannedRun]:
-    """Return the runs of one more replicate of the design, or of its fold-over, in blocks of their own.
+def extension_runs(state: StudyState) -> list[PlannedRun]:
+    """Return the runs of one more replicate of the design, in blocks of their own.
 
     Each machine (seed), block and tool of the first replicate becomes a new one; design runs are shuffled in each
-    block. A fold-over takes the other of the two levels of every factor. Raises UsageError E2114 if the design does
-    not have two levels of a factor, ProfileError if the rules refuse a recipe, PreconditionError E8207 if the grid
-    has no room.
+    block. Raises PreconditionError E8207 if the grid has no room.
     """
     plan, file = state.plan, state.folder.source.file
     first = [run for run in plan.runs if run.replicate == 1]
     refuse_without_room(state, len(first))
     replicate = max(plan.replicates, *(run.planned.replicate for run in state.runs)) + 1
     runs = _shuffled(first, [file.design.seed, replicate]) if file.design.order == "random" else first
-    points = _points(state)
     last = max(run.planned.number for run in state.runs)
     seeds = _renumbered((run.seed for run in first), _next_seed(state))
     blocks = _renumbered((run.block for run in first), max(run.planned.block for run in state.runs) + 1)
     tools = _renumbered((run.tool for run in first), max(run.tool for run in state.runs) + 1)
     are_tools_blocks = file.machine is not None and file.machine.holes_per_tool is not None
-    levels = {
-        factor.key: {run.settings[factor.key] for run in first if run.kind is RunKind.DESIGN}
-        for factor in plan.factors
-    }
     found = []
     for number, run in enumerate(runs, last + 1):
-        settings, point = run.settings, run.point
-        if is_folded and run.kind is RunKind.DESIGN:
-            settings = {factor.key: _other_level(factor, run, levels[factor.key]) for factor in plan.factors}
-            check(request_of(state.folder.base, settings), surroundings)
-            point = points.setdefault(settings_key(settings), max(points.values()) + 1)
         tool = tools[run.tool] if are_tools_blocks else run.tool
         block = tool if are_tools_blocks else blocks[run.block]
-        found.append(PlannedRun(number, run.kind, point, replicate, block, seeds[run.seed], settings, tool))
+        seed = seeds[run.seed]
+        found.append(replace(run, number=number, replicate=replicate, block=block, seed=seed, tool=tool))
     return found
 
 
@@ -170,12 +157,6 @@ def _shuffled(runs: Sequence[PlannedRun], seed: Sequence[int]) -> list[PlannedRu
 
 def _renumbered(numbers: Iterable[int], first: int) -> dict[int, int]:
     return {number: first + n for n, number in enumerate(dict.fromkeys(numbers))}
-
-
-def _other_level(factor: FactorInfo, run: PlannedRun, levels: set[Value]) -> Value:
-    if len(levels) != 2:
-        raise failures.fold_over_needs_two_levels(levels_count=len(levels), factor=factor.name)
-    return next(level for level in levels if level != run.settings[factor.key])
 
 
 def _points(state: StudyState) -> dict[str, int]:

@@ -48,7 +48,7 @@ def test_a_plan_is_shown_and_nothing_is_written(tmp_path: Path, here: Here) -> N
     assert {one["study"] for one in listed} == set(shipped_studies())
 
 
-def test_responses_judgements_table_report_and_profiles(tmp_path: Path, folder: Path, here: Here) -> None:
+def test_responses_judgements_table_and_report(tmp_path: Path, folder: Path, here: Here) -> None:
     out = str(folder)
     assert "ra_um of runs 1, 2, 3, 4" in here("study", "status", out).out
     table = tmp_path / "ra.csv"
@@ -72,11 +72,6 @@ def test_responses_judgements_table_report_and_profiles(tmp_path: Path, folder: 
     assert {row["name"] for row in found["machining_time_s"]["anova"]["rows"]} >= {"reference", "duty"}
     assert found["machining_time_s"]["anova"]["error"]["dof"] == 0
     assert found["machining_time_s"]["pooled_anova"]["pooled"]
-    profiles = here("study", "export", out, "--profiles", str(tmp_path / "table"))
-    assert profiles.exit_code == 0, profiles.err
-    assert here("profile", "check", profiles.out.split()[0]).exit_code == 0
-    again = here("study", "export", out, "--profiles", str(tmp_path / "table"))
-    assert (again.exit_code, "Name another folder" in again.err) == (9, True)
 
 
 @pytest.mark.slow

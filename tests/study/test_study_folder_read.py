@@ -21,7 +21,7 @@ LOCKING = ("suggest DIR --add", "extend DIR", "confirm DIR --workers 1")
 """Commands that take the lock of suggestions; the others do not look at it."""
 STUDY_READERS = (
     *LOCKING,
-    *("status DIR", "report DIR", "export DIR", "export DIR --profiles best", "suggest DIR"),
+    *("status DIR", "report DIR", "export DIR", "suggest DIR"),
     *("resume DIR --workers 1", "optimize DIR --workers 1"),
     *("tell DIR 1 ra_um=0.3", "import DIR ra.csv", "judge DIR 1 reject why"),
 )

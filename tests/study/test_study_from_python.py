@@ -40,18 +40,6 @@ def test_runs_that_several_threads_add_keep_their_settings(tmp_path: Path) -> No
         assert run.value("machining_time_s") == 100.0 * reference
 
 
-def test_a_fold_over_exchanges_the_bounds_that_a_design_uses_alone(tmp_path: Path) -> None:
-    study = Study.load(made(tmp_path, IN_RANGES).path)
-    before = [tuple(run.settings.values()) for run in study.plan().runs]
-    added = [tuple(run.settings.values()) for run in study.extend(fold_over=True)]
-    assert sorted(added) == sorted(before) == [(0.7, 0.2), (0.7, 0.4), (0.8, 0.2), (0.8, 0.4)]
-    (tmp_path / "lhs").mkdir()
-    other = made(tmp_path / "lhs", IN_RANGES.replace('"full"', '"lhs"\nruns = 5'))
-    with pytest.raises(UsageError, match="the design has 5 of reference") as refused:
-        Study.load(other.path).extend(fold_over=True)
-    assert refused.value.code == "E2114"
-
-
 @pytest.mark.parametrize("value", [True, "0.3", None, math.nan, math.inf, np.array([1.0]), -5.0, 10**400])
 def test_a_value_that_is_no_possible_number_is_refused(tmp_path: Path, value: object) -> None:
     study = Study.load(made(tmp_path).path)

@@ -199,27 +199,7 @@ def test_an_added_replicate_is_a_block_of_the_design(
     assert one.anova.total.dof == 26
     assert all(level.means for level in one.level_means)
     page = render_study_page(report_of(folder.read()))
-    assert "Runs 22–30 are replicates or fold-overs of the design" in page
-
-
-def test_a_fold_over_exchanges_the_levels_and_keeps_the_centre(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Main effects and products of two, mixed in a half of resolution III, are told apart afterwards."""
-    folder = study(tmp_path, "half")
-    assert main(["study", "extend", str(folder.path), "--fold-over"]) == 0
-    runs = [run.planned for run in folder.read().runs]
-    assert len(runs) == 10
-    designed = {tuple(run.settings.values()) for run in runs if run.kind == "design"}
-    assert len(designed) == 8
-    assert len({run.point for run in runs if run.kind == "center"}) == 1
-    make(folder)
-    assert len(analysis_of(folder.read()).runs) == 10
-    capsys.readouterr()
-    (tmp_path / "other").mkdir()
-    other = study(tmp_path / "other", "taguchi")
-    assert main(["study", "extend", str(other.path), "--fold-over"]) == 2
-    assert "E2114" in capsys.readouterr().err
+    assert "Runs 22–30 are replicates of the design" in page
 
 
 def test_table_page_and_json_name_the_runs_that_they_use(

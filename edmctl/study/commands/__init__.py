@@ -93,10 +93,6 @@ PageOption = Annotated[
     Path | None, option("--out -o PAGE", "HTML page with all tables and figures. Default: none.")
 ]
 TableOption = Annotated[Path | None, option("--out -o TABLE.csv", "CSV file. Default: stdout.")]
-ProfilesOption = Annotated[
-    Path | None,
-    option("--profiles FOLDER", "Write a profile for each point of the Pareto front instead."),
-]
 OverwriteOption = Annotated[bool, option("--overwrite", "Replace files of the same name.")]
 ValuesArgument = Annotated[
     list[str], argument("NAME=VALUE...", "Manual responses of the run, e.g. ra_um=0.31.")
@@ -131,22 +127,15 @@ def export(
     outcome: Outcome,
     folder: FolderArgument,
     out: TableOption = None,
-    profiles: ProfilesOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Write the table of runs as CSV: a column a factor key and response. Or profiles of the best points."""
+    """Write the table of runs as CSV: a column a factor key and response."""
     from edmctl.csv_text import table_text
     from edmctl.jobs import output_files
     from edmctl.jobs.runs.export import REPLACE_HINT
-    from edmctl.study.report import write_profiles
     from edmctl.study.table import table_of
 
     state = opened(folder).read()
-    if profiles is not None:
-        written = write_profiles(state, profiles, overwrite=overwrite)
-        outcome.result = {"profiles": [str(path) for path in written]}
-        outcome.text = "\n".join(map(str, written))
-        return
     content = table_text(table_of(state)).encode()
     if out is None:
         if outcome.output.json:

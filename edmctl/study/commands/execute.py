@@ -55,9 +55,6 @@ YesOption: TypeAlias = Annotated[bool, option("--yes", "Approve every run that t
 OutOption = Annotated[Path, option("--out DIR", "New folder of the study.")]
 CountOption = Annotated[int, option("--count -n N", "How many suggestions.", min=1, max=64)]
 AddOption = Annotated[bool, option("--add", "Add them to the study's runs, to be made by `resume`.")]
-FoldOverOption = Annotated[
-    bool, option("--fold-over", "Exchange the two levels of every factor; else a replicate is added.")
-]
 ConfirmRunsOption = Annotated[int, option("--runs -n N", "How many confirmation runs.", min=1, max=1000)]
 
 
@@ -257,16 +254,15 @@ def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, ad
 
 
 @command("study extend")
-def extend(outcome: Outcome, folder: FolderArgument, fold_over: FoldOverOption = False) -> None:
-    """Add one more replicate of the design, or its fold-over, in a block of its own; `resume` makes the runs."""
+def extend(outcome: Outcome, folder: FolderArgument) -> None:
+    """Add one more replicate of the design, in a block of its own; `resume` makes the runs."""
     from edmctl.study.suggestions import extension_runs
 
     study = opened(folder)
-    added = study.add(lambda state: extension_runs(state, shell(), is_folded=fold_over))
+    added = study.add(extension_runs)
     outcome.result = {"added": added}
-    what = "the fold-over" if fold_over else "a replicate"
     runs, make = plural(len(added), "run"), study.read().making_command()
-    outcome.text = f"Added {runs}: {what} of the design. Make them: `{make}`."
+    outcome.text = f"Added {runs}: a replicate of the design. Make them: `{make}`."
 
 
 def _suggestion(run: PlannedRun, state: "StudyState", which: str = "") -> str:

@@ -1,25 +1,17 @@
-"""The report of a study: its contents, as text on a terminal, as plain values and as profiles."""
+"""The report of a study: its contents, as text on a terminal and as plain values."""
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from edmctl import failures
 from edmctl.cli.render.terminal import PLAIN, USUAL_COLUMNS, Ink, Style, render_columns, wrapped
 from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import EdmError
-from edmctl.jobs import output_files
-from edmctl.jobs.run_header import plain_name
 from edmctl.jobs.surroundings import NONE, Surroundings
-from edmctl.profile.folders import find_profile
-from edmctl.profile.read import apply_overrides, read_chain
 from edmctl.study.analysis import StudyAnalysis, analysis_of
 from edmctl.study.folder import StudyState
-from edmctl.study.planning import request_of
 from edmctl.study.report import contents
 from edmctl.study.results import Confirmation, Recommendation, ResponseInfo, StudyPlan, StudyRun
 from edmctl.study.statistics.response_analysis import ResponseAnalysis
@@ -61,19 +53,14 @@ class StudyReport:
 def report_of(state: StudyState, surroundings: Surroundings = NONE) -> StudyReport:
     """Return the report of a study. Raises PreconditionError E8206 if no run is done."""
     found = analysis_of(state)
-    best, notes = _recommendation_or_note(state, surroundings)
-    return StudyReport(found, state.runs, best, confirmations_of(state), (*found.notes, *notes))
-
-
-def _recommendation_or_note(
-    state: StudyState, surroundings: Surroundings = NONE
-) -> tuple[Recommendation | None, tuple[str, ...]]:
+    best, notes = None, found.notes
     try:
-        return recommended(state, surroundings), ()
+        best = recommended(state, surroundings)
     except EdmError as error:
-        return None, (error.message.rstrip("."),)
-    except ValueError:
-        return None, ()
+        notes = (*notes, error.message.rstrip("."))
+    except ValueError:  # too few values for processes
+        pass
+    return StudyReport(found, state.runs, best, confirmations_of(state), notes)
 
 
 def mapping_of(report: StudyReport) -> dict[str, Any]:
@@ -161,56 +148,3 @@ def _text(table: PageTable, style: Style, columns: Sequence[str] = (), most: int
     kept = [n for n, name in enumerate(table.header) if not columns or name in columns]
     header, *rows = ([str(row[n]) for n in kept] for row in (table.header, *table.rows[:most]))
     return render_columns(header, rows, style, "<" if table.words else "<>")
-
-
-def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) -> list[Path]:
-    """Write a technology table: a profile for each point of the Pareto front, complete by itself; return the files.
-
-    Settings that are recommended and were not run get one too.
-
-    Raises PreconditionError E8208 where no point has all objectives, RunFileError E9011 where a file is there.
-    """
-    import tomli_w
-
-    front = [one for one in analysis_of(state).choices if one.is_pareto]
-    if not front:
-        raise failures.no_point_keeps_constraints()
-    stem, name = file_stem(state.plan.name), state.plan.name
-    files = {
-        folder / f"{stem}-point{one.point:03d}.toml": (
-            one.settings,
-            f"point {one.point} of the study {name}",
-            f"means of {one.runs} runs: {_values(one.means)}",
-        )
-        for one in sorted(front, key=lambda one: -(one.grey_grade or 0.0))
-    }
-    best, _ = _recommendation_or_note(state)
-    if best is not None and best.settings not in [one.settings for one in front]:
-        expected = f"expected: {_values(best.expected)}"
-        files[folder / f"{stem}-recommended.toml"] = (
-            best.settings,
-            f"recommended by the study {name}",
-            expected,
-        )
-    output_files.make_folder(folder)
-    if not overwrite:
-        for path in files:
-            output_files.check_free(path, "Name another folder, or replace its profiles with --overwrite.")
-    for path, (settings, description, values) in files.items():
-        request = request_of(state.folder.base, settings)
-        assert request.profile is not None
-        merged = apply_overrides(read_chain(find_profile(request.profile)), request.overrides)
-        table: dict[str, Any] = dict(merged.table)
-        table["meta"] = {**table.get("meta", {}), "name": path.stem, "description": description[:200]}
-        head = f"# {description[:200]}: {values}.\n\n"
-        output_files.write(path, (head + tomli_w.dumps(table)).encode(), overwrite=True)
-    return list(files)
-
-
-def _values(of: Mapping[str, float | None]) -> str:
-    return ", ".join(f"{name} {value:.4g}" for name, value in of.items() if value is not None)
-
-
-def file_stem(name: str) -> str:
-    """Return the beginning of the names of a study's files."""
-    return re.sub("-{2,}", "-", plain_name(name.lower()))[:40].strip("-") or "study"

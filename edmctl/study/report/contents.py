@@ -98,7 +98,6 @@ def sentence(text: str) -> str:
 
 
 def target_text(info: ResponseInfo) -> str:
-    """Return the target of a response."""
     if info.better == "nominal":
         return f"nominal is best, {info.target:g}" if info.target is not None else "nominal is best"
     return f"{info.better} is better"
@@ -295,7 +294,6 @@ def _table(
 
 
 def factors(plan: StudyPlan) -> PageTable:
-    """Return every factor with its levels."""
     scales = []
     for one in plan.factors:
         scale = f"{'logarithmic' if one.is_log else 'linear'}{' range' if one.is_range else ''}"
@@ -313,7 +311,6 @@ def factors(plan: StudyPlan) -> PageTable:
 
 
 def responses(plan: StudyPlan) -> PageTable:
-    """Return every response with its target, weight and constraints."""
     weights = {name: f"{weight:g}" for name, weight in plan.objectives}
     bounds = [
         [str(bound) for bound in plan.constraints if bound.response == one.name] for one in plan.responses
@@ -331,7 +328,6 @@ def responses(plan: StudyPlan) -> PageTable:
 
 
 def analysis_of_variance(one: ResponseAnalysis) -> list[PageTable]:
-    """Return the table without and with pooling."""
     name = f"Analysis of variance of {'ln ' if one.is_log else ''}{one.name}"
     found = [_anova(f"{name}, nothing pooled", one.anova)] if one.anova is not None else []
     if one.pooled is not None:
@@ -385,7 +381,6 @@ def response_table(caption: str, found: Sequence[LevelMeans], note: str = "") ->
 
 
 def coefficients(one: ResponseAnalysis) -> PageTable:
-    """Return the coefficients of the model."""
     note = (
         "Numbers are coded to −1 … 1 between their bounds, levels and categories are deviations from the mean: that "
         "of the last level follows from the others."
@@ -449,7 +444,6 @@ def _percent(share: float) -> str:
 
 
 def confirmation(plan: StudyPlan, one: Confirmation) -> PageTable:
-    """Return the measured values beside what was expected."""
     intervals = [(of.expected, of.low, of.high) for of in one.responses]
     columns = [
         ("response", [of.name for of in one.responses]),

@@ -46,7 +46,6 @@ class OrthogonalArray:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Number of levels of each column."""
         return tuple(int(column.max()) + 1 for column in self.levels.T)
 
 

@@ -52,7 +52,6 @@ class Settings:
         return len(np.asarray(next(iter((*self.numbers.values(), *self.categories.values())))))
 
     def only(self, rows: Sequence[int]) -> Settings:
-        """Return the settings of some runs."""
         return Settings(
             {name: np.asarray(values, float)[list(rows)] for name, values in self.numbers.items()},
             {name: [values[row] for row in rows] for name, values in self.categories.items()},
@@ -97,7 +96,6 @@ class ModelMatrix:
     spans: Mapping[Term, slice]
 
     def dof(self, term: Term) -> int:
-        """Return the degrees of freedom of a term."""
         span = self.spans[term]
         return int(span.stop - span.start)
 

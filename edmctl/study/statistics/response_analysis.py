@@ -76,7 +76,6 @@ class LevelMeans:
 
     @property
     def delta(self) -> float:
-        """Largest less smallest mean."""
         return max(self.means) - min(self.means)
 
 
@@ -122,7 +121,6 @@ class Runs:
     is_one_machine: bool = False
 
     def only(self, rows: Sequence[int]) -> Runs:
-        """Return some of the runs."""
         return replace(
             self,
             settings=self.settings.only(rows),
