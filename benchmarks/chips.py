@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from benchmarks.common import machine_on, machined, options
-from edmctl.jobs.job import TrueWear
+from edmctl.jobs.truth import TrueWear
 from edmctl.planning.removal import of_tool
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import NoStateStore, job_of

@@ -36,7 +36,7 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import calibration_waveform
 from edmctl.jobs.connect import bench_config
 from edmctl.jobs.connected_machine import Now, with_home, with_home_left
-from edmctl.jobs.job import TrueWear, channel_truth
+from edmctl.jobs.truth import TrueWear, channel_truth
 from edmctl.labels import Basis
 from edmctl.machine.stop import StopRequest
 from edmctl.planning.rules.load import load_profile

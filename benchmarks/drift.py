@@ -30,8 +30,8 @@ from benchmarks.common import machine_on, machined, options
 from edmctl.errors import EdmError
 from edmctl.jobs.connect import bench_config
 from edmctl.jobs.corrections import assumed_drift
-from edmctl.jobs.job import TrueWear
 from edmctl.jobs.surroundings import Unobserved
+from edmctl.jobs.truth import TrueWear
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import JobTally, NoStateStore, job_of
 from edmctl.procedures.measure_drift import drift_result, measure_drift, plan_drift

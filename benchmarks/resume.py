@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 
 from benchmarks.common import options
 from benchmarks.serving import result, served, start
-from edmctl.jobs.job import channel_truth
+from edmctl.jobs.truth import channel_truth
 from edmctl.record.bench_file import read_bench
 from edmctl.simulator.saving import restored_bench
 

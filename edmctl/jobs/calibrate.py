@@ -275,34 +275,25 @@ class CalibrationReport(Result):
 
     def as_mapping(self) -> dict[str, object]:
         """Return the `result` of the JSON object."""
-        found = self.identification
+        identified, model = self.identification, self.identification.model
+        errors = ("held_out", "held_out_model", "held_out_records", "beyond", "beyond_share")
+        parameters = ("gamma_per_decade", "stroke_um", "delay_s", "lag_s", "low_v", "high_v")
+        verdict = ("accepted", "problems", "restrictions", "notes")
         return {
-            "train": found.train,
+            "train": identified.train,
             "validate": self.validated,
             "validate_screened": self.validated_screened,
             "validate_files": self.files,
             "refit": self.refit,
-            "held_out": found.held_out,
-            "held_out_model": found.held_out_model,
-            "held_out_records": found.held_out_records,
-            "beyond": found.beyond,
-            "beyond_share": found.beyond_share,
-            "noise_sd_um": found.noise.sd_um,
-            "noise_max_um": found.noise.largest_um,
+            **{name: getattr(identified, name) for name in errors},
+            "noise_sd_um": identified.noise.sd_um,
+            "noise_max_um": identified.noise.largest_um,
             "baselines": self.baselines,
             "baselines_on": VALIDATION if self.validated else HELD_OUT,
-            "gamma_per_decade": found.model.gamma_per_decade,
-            "stroke_um": found.model.stroke_um,
-            "delay_s": found.model.delay_s,
-            "lag_s": found.model.lag_s,
-            "low_v": found.model.low_v,
-            "high_v": found.model.high_v,
-            "samples": found.samples,
-            "bands": asdict(found.bands),
-            "accepted": found.accepted,
-            "problems": found.problems,
-            "restrictions": found.restrictions,
-            "notes": found.notes,
+            **{name: getattr(model, name) for name in parameters},
+            "samples": identified.samples,
+            "bands": asdict(identified.bands),
+            **{name: getattr(identified, name) for name in verdict},
             "calibration_file": str(self.path) if self.path else None,
             "serial": self.serial,
             "lever": self.lever,
@@ -328,8 +319,8 @@ def calibrate_machine(
     where, environ = checked.where, checked.surroundings.environ
     with connected(None, checked.setup, seed, observer.note, where, checked.surroundings) as bench:
         identity = bench.machine.identity
-        own = kept_path("calibration", identity.serial, environ, lasting=where.lasting)
-        path = checked.request.output or own
+        own_path = kept_path("calibration", identity.serial, environ, lasting=where.lasting)
+        path = checked.request.output or own_path
         output_files.check_writable(path)
         note = CreepNote(bench, where, environ)
         note.take_away()
@@ -415,8 +406,8 @@ def find(
 ) -> CalibrationReport:
     """Identify the actuator, and compare with a straight line and the paper's Maxwell model."""
     try:
-        found = identify(records, delay_s=delay_s)
-        late_s, counting = found.model.delay_s, found.screening
+        identified = identify(records, delay_s=delay_s)
+        late_s, counting = identified.model.delay_s, identified.screening
         baselines = {
             "line": fit_line(records, late_s, counting),
             "maxwell": fit_maxwell(records, late_s, counting),
@@ -426,79 +417,81 @@ def find(
     impossible = [
         f"No actuator that feeds a tool is like that: {contradiction}. What the record shows is beyond what is "
         "looked for, such as a lag of more than 20 ms, or t_s is not in s."
-        for contradiction in contradictions(found, found.model)
+        for contradiction in contradictions(identified, identified.model)
     ]
 
     def validated(model: ActuatorModel) -> Validated:
         return [(record, validate(model, record, refit)) for record in validation]
 
-    own = validated(found.model)
-    found = _verified(replace(found, problems=(*found.problems, *impossible)), records, own)
-    not_accepted = (failures.calibration_not_accepted(problem=problem) for problem in found.problems)
-    has_screened = any(one.screened for _, one in own)
+    outcomes = validated(identified.model)
+    identified = _verified(
+        replace(identified, problems=(*identified.problems, *impossible)), records, outcomes
+    )
+    not_accepted = (failures.calibration_not_accepted(problem=problem) for problem in identified.problems)
+    has_screened = any(outcome.screened for _, outcome in outcomes)
     return CalibrationReport(
-        identification=found,
+        identification=identified,
         held_out_baselines={name: baseline.held_out for name, baseline in baselines.items()},
-        validated=_pooled(own) if validation else None,
-        validated_screened=_pooled(own, screened=True) if has_screened else None,
+        validated=_pooled(outcomes) if validation else None,
+        validated_screened=_pooled(outcomes, screened=True) if has_screened else None,
         validated_baselines={
             name: _pooled(validated(baseline.model)) for name, baseline in baselines.items() if validation
         },
-        files=tuple(_file_figures(record, one) for record, one in own),
+        files=tuple(_file_figures(record, outcome) for record, outcome in outcomes),
         refit=refit,
-        warnings=(*not_accepted, *_beyond(found.model, validation)),
+        warnings=(*not_accepted, *_beyond(identified.model, validation)),
     )
 
 
-def _verified(found: Identification, records: Sequence[Record], validated: Validated) -> Identification:
+def _verified(identified: Identification, records: Sequence[Record], validated: Validated) -> Identification:
     """Return the identification with the verdict of the validation files: a problem for each above the limits."""
     problems, passed = [], list(records)
-    for record, one in validated:
-        excess = excess_of(one.errors, found.noise)
+    for record, outcome in validated:
+        excess = excess_of(outcome.errors, identified.noise)
         if not excess:
             passed.append(record)
             continue
-        cause = DIFFERING if found.accepted else "the fitted records show a fault already"
+        cause = DIFFERING if identified.accepted else "the fitted records show a fault already"
         if not within_rates(record, records):
             cause = (
                 f"it swings at another rate{rate_in_words([record])} than the fitted records"
                 f"{rate_in_words(records)}: fit records of such rates too"
             )
         problems.append(f"{record.name} (--validate): {excess}; {cause}.")
-    restrictions = restrictions_on(passed) if validated else found.restrictions
-    return replace(found, problems=(*found.problems, *problems), restrictions=restrictions)
+    restrictions = restrictions_on(passed) if validated else identified.restrictions
+    return replace(identified, problems=(*identified.problems, *problems), restrictions=restrictions)
 
 
-def _file_figures(record: Record, one: Validation) -> FileFigures:
-    note, left_out = "", []
-    if one.rung_s:
+def _file_figures(record: Record, outcome: Validation) -> FileFigures:
+    note, left_out, screened = "", [], outcome.screened
+    if outcome.rung_s:
         left_out.append(
-            f"its first {one.rung_s:.2g} s, where far more is missed than in all that follows, as when something "
-            "rings down or the voltage before is another than was said (--previous-voltage)"
+            f"its first {outcome.rung_s:.2g} s, where far more is missed than in all that follows, as when "
+            "something rings down or the voltage before is another than was said (--previous-voltage)"
         )
-    if one.outliers:
-        left_out.append(f"{one.outliers} of its samples, which stand out singly")
-    if one.screened:
-        note = (
-            f"{record.name} has errors up to {one.screened.max_pct:.2f} % ({one.screened.rms_pct:.2f} % RMS) "
-        )
+    if outcome.outliers:
+        left_out.append(f"{outcome.outliers} of its samples, which stand out singly")
+    if screened:
+        note = f"{record.name} has errors up to {screened.max_pct:.2f} % ({screened.rms_pct:.2f} % RMS) "
         note += f"without {', and without '.join(left_out)}."
     return FileFigures(
         name=record.name,
-        judged_from_s=float(record.t_s[one.first]),
-        gain=one.gain,
-        zero_um=one.zero_um,
-        screened=one.screened,
-        rung_s=one.rung_s,
-        outliers=one.outliers,
+        judged_from_s=float(record.t_s[outcome.first]),
+        gain=outcome.gain,
+        zero_um=outcome.zero_um,
+        screened=screened,
+        rung_s=outcome.rung_s,
+        outliers=outcome.outliers,
         note=note,
-        **asdict(one.errors),
+        **asdict(outcome.errors),
     )
 
 
 def _pooled(validated: Validated, *, screened: bool = False) -> ErrorFigures:
-    samples = [len(record.t_s) - one.first for record, one in validated]
-    errors = [one.screened if screened and one.screened else one.errors for _, one in validated]
+    samples = [len(record.t_s) - outcome.first for record, outcome in validated]
+    errors = [
+        outcome.screened if screened and outcome.screened else outcome.errors for _, outcome in validated
+    ]
     return ErrorFigures.pooled(errors, samples)
 
 

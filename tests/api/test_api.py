@@ -187,14 +187,12 @@ def test_a_calibration_has_errors_and_acceptance_and_is_used(tmp_path: Path) -> 
         blind.approach("cu270", out=tmp_path)
     warned: list[Diagnostic] = []
     used = calibration.path
-    found = blind.approach("cu270", out=tmp_path, allow_model=True, calibration=used, warn=warned.extend)
-    assert found.model is not None
-    assert found.model.path == str(used)
-    assert "W8105" in [warning.code for warning in warned]
-    wear = blind.measure_wear(
-        "cu270", reference=True, out=tmp_path, allow_model=True, calibration=used, warn=warned.extend
-    )
+    options = {"out": tmp_path, "allow_model": True, "calibration": used, "warn": warned.extend}
+    wear = blind.measure_wear("cu270", reference=True, **options)  # type: ignore[arg-type]
     assert wear.reached
+    assert wear.model is not None
+    assert wear.model.path == str(used)
+    assert "W8105" in [warning.code for warning in warned]
 
 
 @pytest.mark.slow

@@ -12,8 +12,8 @@ import h5py
 import pytest
 
 from edmctl.jobs import run_context
-from edmctl.jobs.job import TrueWear, truths_of
 from edmctl.jobs.run_header import _title
+from edmctl.jobs.truth import TrueWear, truths_of
 from edmctl.jsonout import to_json_value
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import JobState, NoStateStore

@@ -321,13 +321,6 @@ def test_the_times_of_all_runs_of_a_job_add_up(here: Here, killed: Path) -> None
     assert f"before it was taken up after a pause of {round(result['pause_s'])} s" in told, told
 
 
-@pytest.mark.slow
-def test_time_that_other_commands_let_pass_on_a_kept_bench_is_a_pause(here: Here, killed: Path) -> None:
-    assert here("calibrate", *BENCH, "--json").exit_code == 0
-    result = here(*RESUME, *BENCH).document["result"]
-    assert 200.0 < result["pause_s"] < 600.0
-
-
 def test_home_is_where_the_journal_has_it_when_the_ledger_is_older(here: Here, killed: Path) -> None:
     resumption = find_run("a", Path("runs"))
     passed_s = time.time() - read_journal(resumption.path).written_utc_s

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from random import Random
 
 from edmctl.errors import EdmError
-from edmctl.jobs.job import channel_truth
+from edmctl.jobs.truth import channel_truth
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.results.job import JobResult, ObjectiveMissed

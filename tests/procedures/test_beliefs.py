@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-from edmctl.jobs.job import TrueWear
+from edmctl.jobs.truth import TrueWear
 from edmctl.procedures.job import NoStateStore
 from edmctl.profile.places import Place
 from edmctl.results.job import ObjectiveMissed

@@ -12,7 +12,7 @@ import pytest
 
 from edmctl.errors import EdmError
 from edmctl.jobs.connect import bench_config
-from edmctl.jobs.job import channel_truth
+from edmctl.jobs.truth import channel_truth
 from edmctl.labels import Basis
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from edmctl.jobs.job import TrueWear
+from edmctl.jobs.truth import TrueWear
 from edmctl.labels import Seen
 from edmctl.procedures.job import JobTally, NoStateStore
 from edmctl.procedures.measure_drift import (
