@@ -15,8 +15,7 @@ import pytest
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import sampled, slow_legs
-from edmctl.jobs.actuator_trial import run_trial
-from edmctl.jobs.actuator_waveforms import Waveform
+from edmctl.jobs.actuator_trial import Waveform, run_trial
 from edmctl.jobs.corrections import reaches_down, reaches_up
 from edmctl.jsonout import to_json_value
 from edmctl.profile.calibration import Calibration, Made, calibration_of

@@ -15,7 +15,7 @@ import pytest
 
 from edmctl.errors import RunFileError, UsageError, installing
 from edmctl.jobs.output_files import new_file
-from edmctl.jobs.runs.export import export_request
+from edmctl.jobs.runs.outputs import export_request
 from edmctl.record.reader import open_run
 from edmctl.record.rows import ServoBlock
 from edmctl.report.export import TABLES, CsvWriter, ExportTable, formatted

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import UsageError
-from edmctl.jobs.runs.plot import Target, plot_request
+from edmctl.jobs.runs.outputs import Target, plot_request
 from edmctl.record.locks import hold, release
 from edmctl.record.opening import SEAL_BYTES
 from edmctl.report.kinds import KINDS, NAMES, Kind, kind_called
@@ -60,7 +60,7 @@ def names_in(folder: Path) -> list[str]:
 def test_all_that_can_be_drawn_goes_beside_the_run_and_is_announced_on_a_terminal(
     here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.jobs.runs.plot.KINDS", SOME)
+    monkeypatch.setattr("edmctl.jobs.runs.outputs.KINDS", SOME)
     said = here("run", "plot", str(run))
     assert said.exit_code == 0, said.err
     assert names_in(run.parent) == ["one-gap.png", "one.h5"]
@@ -109,7 +109,7 @@ def test_what_is_there_already_is_kept_unless_it_is_told_to_be_replaced(
     here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kinds = tuple(kind for kind in KINDS if kind.name in ("gap", "displacement"))
-    monkeypatch.setattr("edmctl.jobs.runs.plot.KINDS", kinds)
+    monkeypatch.setattr("edmctl.jobs.runs.outputs.KINDS", kinds)
     there, command = run.parent / "one-gap.png", ("run", "plot", str(run))
     there.write_bytes(b"mine")
     refused = here(*command, "--kind", "gap", "--json")
@@ -139,7 +139,7 @@ def test_a_figure_that_was_asked_for_and_cannot_be_is_an_error_and_the_others_ar
     new = run.parent / "new"
     assert here("run", "plot", str(run), "--kind", "laue", "--out", str(new)).exit_code == 8
     assert not new.exists()
-    monkeypatch.setattr("edmctl.jobs.runs.plot.KINDS", SOME[1:])
+    monkeypatch.setattr("edmctl.jobs.runs.outputs.KINDS", SOME[1:])
     said = here("run", "plot", str(run))
     assert (said.exit_code, said.out, "E8091" in said.err) == (8, "", True)
 

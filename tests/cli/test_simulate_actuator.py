@@ -14,8 +14,7 @@ from edmctl.actuator.identification import Identification, identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import sampled, slow_legs
 from edmctl.errors import RecordError, UsageError, installing
-from edmctl.jobs.actuator_trial import run_trial, write_data
-from edmctl.jobs.actuator_waveforms import Wanted, command_from, waveforms
+from edmctl.jobs.actuator_trial import Wanted, command_from, run_trial, waveforms, write_data
 from edmctl.procedures.calibration import REST_S, plan_calibration
 from edmctl.profile.calibration import Made, calibration_of
 from edmctl.profile.setup import Setup

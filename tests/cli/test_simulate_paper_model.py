@@ -11,8 +11,15 @@ import pytest
 
 from edmctl.actuator.paper_model import TABLE_1
 from edmctl.errors import PreconditionError
-from edmctl.jobs.actuator_trial import PaperTrial, displacement, fit_model, run_paper_trial, slow_cycle
-from edmctl.jobs.actuator_waveforms import Wanted, waveforms
+from edmctl.jobs.actuator_trial import (
+    PaperTrial,
+    Wanted,
+    displacement,
+    fit_model,
+    run_paper_trial,
+    slow_cycle,
+    waveforms,
+)
 from tests.cli.commands import Here
 
 if TYPE_CHECKING:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from edmctl.actuator.waveforms import readings
-from edmctl.jobs.actuator_trial import Start, displacement, fit_model
-from edmctl.jobs.actuator_waveforms import Wanted, waveforms
+from edmctl.jobs.actuator_trial import Start, Wanted, displacement, fit_model, waveforms
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
 from tools.generate.text import table
 

@@ -26,8 +26,7 @@ from edmctl.jobs.sweep import seed_to_use, simulated_by
 from edmctl.profile.folders import CALIBRATION_VARIABLE
 
 if TYPE_CHECKING:
-    from edmctl.jobs.actuator_trial import PaperTrial, Trial
-    from edmctl.jobs.actuator_waveforms import Waveform
+    from edmctl.jobs.actuator_trial import PaperTrial, Trial, Waveform
     from edmctl.jobs.calibrate import CalibrationReport, CheckedCalibration, MeasuredRecord
 
 FromOption = Annotated[
@@ -270,7 +269,7 @@ def actuator(
     """
     from edmctl.cli.render.calibration_tables import render_actuator, render_paper_trial
     from edmctl.jobs import actuator_trial
-    from edmctl.jobs.actuator_waveforms import Wanted, waveforms
+    from edmctl.jobs.actuator_trial import Wanted, waveforms
 
     outcome.simulated = True
     used_seed = seed_to_use(seed)

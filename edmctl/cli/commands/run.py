@@ -29,8 +29,7 @@ from edmctl.wording import count, file_size, iso_of, plural, utc_of
 
 if TYPE_CHECKING:
     from edmctl.jobs.output_files import Sink
-    from edmctl.jobs.runs.export import ExportRequest
-    from edmctl.jobs.runs.plot import PlotRequest, Target
+    from edmctl.jobs.runs.outputs import ExportRequest, PlotRequest, Target
     from edmctl.record.reader import RunFile
     from edmctl.report.export import ExportTable, TableWriter
 
@@ -199,7 +198,7 @@ def export(
 
     The name of each column has its unit.
     """
-    from edmctl.jobs.runs.export import Format, export_request
+    from edmctl.jobs.runs.outputs import Format, export_request
     from edmctl.report.export import TABLES, need_pyarrow
 
     path = find_run(file)
@@ -261,7 +260,7 @@ def _export(outcome: Outcome, opened: "RunFile", request: "ExportRequest") -> No
 
 
 def _write(opened: "RunFile", request: "ExportRequest", table: "ExportTable", sink: "Sink") -> None:
-    from edmctl.jobs.runs.export import Format
+    from edmctl.jobs.runs.outputs import Format
     from edmctl.report.export import CsvWriter, JsonWriter, ParquetWriter
 
     writer: TableWriter
@@ -328,7 +327,7 @@ def plot(
 
     Figures are for print or for the screen; --kind report makes an HTML page with all of them.
     """
-    from edmctl.jobs.runs.plot import plot_request
+    from edmctl.jobs.runs.outputs import plot_request
     from edmctl.report.kinds import need_matplotlib
 
     path = find_run(file)
@@ -347,7 +346,7 @@ def plot(
 def _draw(outcome: Outcome, opened: "RunFile", request: "PlotRequest", overwrite: bool) -> None:
     """Draw and write one file after the other, so that earlier ones remain if a later one fails."""
     from edmctl.jobs import output_files
-    from edmctl.jobs.runs.plot import REPLACE_HINT
+    from edmctl.jobs.runs.outputs import REPLACE_FIGURE_HINT
     from edmctl.report.style import NothingToDraw
 
     written: list[dict[str, object]] = []
@@ -362,7 +361,7 @@ def _draw(outcome: Outcome, opened: "RunFile", request: "PlotRequest", overwrite
             nothing.append({"kind": target.name, "why": str(reason)})
             continue
         output_files.make_folder(target.path.parent)
-        output_files.write(target.path, content, REPLACE_HINT, overwrite=overwrite)
+        output_files.write(target.path, content, REPLACE_FIGURE_HINT, overwrite=overwrite)
         written.append({"kind": target.name, "file": str(target.path), "bytes": len(content)})
         outcome.show(f"{target.name:<13} {target.path}")
     if nothing and (request.by_name or not written):

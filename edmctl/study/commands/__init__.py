@@ -132,7 +132,7 @@ def export(
     """Write the table of runs as CSV: a column a factor key and response."""
     from edmctl.csv_text import table_text
     from edmctl.jobs import output_files
-    from edmctl.jobs.runs.export import REPLACE_HINT
+    from edmctl.jobs.runs.outputs import REPLACE_TABLE_HINT
     from edmctl.study.table import table_of
 
     state = opened(folder).read()
@@ -145,7 +145,7 @@ def export(
         return
     if out.suffix.lower() != ".csv":
         raise failures.study_table_not_csv(out=out.name)
-    output_files.write(out, content, REPLACE_HINT, overwrite=overwrite)
+    output_files.write(out, content, REPLACE_TABLE_HINT, overwrite=overwrite)
     outcome.result = {"file": str(out), "rows": len(state.runs), "bytes": len(content)}
     outcome.text = f"{out}: {plural(len(state.runs), 'row')}"
 
