@@ -35,9 +35,8 @@ from edmctl.procedures.job import CalibratedActuator, Job, JobTally
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.session import running
 from edmctl.process.rest_drift import CreepLeft
-from edmctl.record.disk import DiskThread, refuse_place
+from edmctl.record.disk import DiskThread, locks_are_known, refuse_place
 from edmctl.record.ledger import Entry, Ledger
-from edmctl.record.locks import are_known
 from edmctl.record.rows import NullRecorder, Recorder, Summary
 from edmctl.record.writer import BackgroundWriter
 from edmctl.results.progress import Observer
@@ -217,7 +216,7 @@ def connected_run(
     """
     if name is not None:
         refuse_place(name.path)
-        if warn is not None and not are_known(name.path.parent):
+        if warn is not None and not locks_are_known(name.path.parent):
             warn([failures.no_file_locks(folder=name.path.parent)])
     run: RunContext | None = None
     try:

@@ -22,7 +22,7 @@ import numpy as np
 from edmctl import failures
 from edmctl.errors import RunFileError
 from edmctl.files import lock_holder, open_descriptor, read_bytes, replace_file
-from edmctl.record import locks
+from edmctl.record import disk
 
 State = Mapping[str, object]
 
@@ -39,7 +39,7 @@ def bench_lock(path: Path, wait_s: float = 0.0) -> Iterator[None]:
     lock = _lock_of(path)
     with ExitStack() as held:
         try:
-            locks.retried(lambda: _take_lock(lock, held), wait_s)
+            disk.retried(lambda: _take_lock(lock, held), wait_s)
         except BlockingIOError as busy:
             holder = f"{lock_holder(lock) or 'another program'} has it"
             raise failures.bench_in_use(path=path, holder=holder) from busy
@@ -70,7 +70,7 @@ def _take_lock(lock: Path, held: ExitStack) -> None:
         with ExitStack() as own:
             descriptor = open_descriptor(lock, os.O_RDWR | os.O_CREAT)
             own.callback(os.close, descriptor)
-            own.enter_context(locks.exclusive(descriptor))
+            own.enter_context(disk.exclusive_lock(descriptor))
             # The holder before may have removed it meanwhile.
             if lock.exists() and os.path.samestat(os.fstat(descriptor), lock.stat()):
                 held.enter_context(own.pop_all())

@@ -1,4 +1,4 @@
-"""Handling of the disk: names that are never overwritten, space taken before it is needed, a disk that fails.
+"""Handling of the disk: names that are never overwritten, space taken before it is needed, a disk that fails; locks.
 
 HDF5 does not survive a disk that fills up in the middle of its writing: a failed write leaves its caches in a
 state that crashes the interpreter at the next flush or close. So a file is made longer before each write by
@@ -6,25 +6,36 @@ more than that write can add, and the excess is cut off at the end.
 
 Sparks and moves wait until what precedes them is on the disk, and a disk may not answer for seconds: such writes
 run in a thread, and meanwhile the caller serves the machine.
+
+Network disks without a lock service answer ENOLCK. There nothing keeps two programs apart, and a job warns (W9002).
+The writer of a run file holds a lock that ends with its process: a record lock on a byte beyond the end of the file.
+HDF5's own lock does not show the writer: it is given up in SWMR mode, and readers take it too.
 """
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import os
 import re
 import signal
+import struct
+import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl import failures
 from edmctl.errors import EdmError, LinkLost, RunFileError
-from edmctl.files import sync
+from edmctl.files import open_descriptor, sync
+
+try:
+    import fcntl
+except ImportError:  # Windows, whose locks HDF5 knows
+    fcntl = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     import h5py
@@ -43,6 +54,14 @@ PROMPT_S = 0.05
 _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
 _NO_RESERVING = (errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
 _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+RETRY_S = 0.05
+FRESH_S = 5.0
+"""Where a file system knows no locks, a file that was written to within this time counts as live."""
+_UNKNOWN = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
+_HELD = (errno.EWOULDBLOCK, errno.EACCES)
+_PLACE = 1 << 62
+"""The byte that a writer locks."""
 
 
 def partial_path(path: Path) -> Path:
@@ -72,17 +91,17 @@ def write_new(path: Path, content: bytes) -> None:
 def sync_if_possible(*paths: Path) -> None:
     """Wait until the disk itself holds files and the names in folders, except where that cannot be requested."""
     for path in paths:
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             sync(path)
 
 
 def close_without_writing(file: h5py.File) -> None:
     """Close `file` as it is on disk: HDF5 writes its caches to the null device, instead of failing and crashing."""
-    with contextlib.suppress(*HDF5_ERRORS):
+    with suppress(*HDF5_ERRORS):
         null = os.open(os.devnull, os.O_RDWR)
         os.dup2(null, file.id.get_vfd_handle())
         os.close(null)
-    with contextlib.suppress(*HDF5_ERRORS):
+    with suppress(*HDF5_ERRORS):
         file.close()
 
 
@@ -255,3 +274,122 @@ def leave_signals_to_the_main_thread() -> None:
     """Python handles them there, and only a signal that arrives there ends its waiting."""
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)
+
+
+def locks_are_known(folder: Path) -> bool:
+    """Whether files in a folder, or its nearest parent, can be locked; True if that cannot be tried."""
+    while not folder.is_dir() and folder != folder.parent:
+        folder = folder.parent
+    # Network disks lock folders by themselves: only a file shows it.
+    with suppress(OSError), tempfile.NamedTemporaryFile(prefix=".edmctl-", dir=folder) as file:
+        return _takes_lock(file.fileno())
+    return True
+
+
+def hdf5_locking(path: Path) -> bool | None:
+    """Return h5py's `locking` for a file at `path`: None, its own way, where there are locks, else False."""
+    try:
+        descriptor = open_descriptor(path, os.O_RDONLY)
+    except OSError:
+        return None if locks_are_known(path.parent) else False
+    try:
+        return None if _takes_lock(descriptor) else False
+    finally:
+        os.close(descriptor)
+
+
+def _takes_lock(descriptor: int) -> bool:
+    if fcntl is None:
+        return True
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, fcntl.LOCK_UN)
+    except OSError as error:
+        return error.errno not in _UNKNOWN
+    return True
+
+
+@contextmanager
+def exclusive_lock(descriptor: int) -> Iterator[None]:
+    """Lock an open file, if its disk knows locks. Raises OSError, BlockingIOError if another program has it."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in _UNKNOWN:
+            raise
+    yield
+
+
+def retried(attempt: Callable[[], object], longest_s: float) -> None:
+    """Call `attempt` until it raises no BlockingIOError. Raises BlockingIOError after `longest_s`."""
+    until_s = time.monotonic() + longest_s
+    while True:
+        try:
+            attempt()
+            return
+        except BlockingIOError:
+            if time.monotonic() >= until_s:
+                raise
+            time.sleep(RETRY_S)
+
+
+def is_alive(number: int) -> bool:
+    """Whether this computer has a process of that number."""
+    try:
+        os.kill(number, 0)
+    except PermissionError:
+        return True
+    except (OSError, OverflowError):
+        return False
+    return True
+
+
+def hold_lock(path: Path) -> int | None:
+    """Lock the file at `path` as its writer; return the descriptor to close, None if there are no locks."""
+    if fcntl is None:
+        return None
+    descriptor = open_descriptor(path, os.O_RDWR)
+    try:
+        _lock_record(descriptor, exclusive=True)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+def release_lock(descriptor: int | None) -> None:
+    """Give the lock up."""
+    if descriptor is not None:
+        with suppress(OSError):
+            os.close(descriptor)
+
+
+def is_live(path: Path) -> bool:
+    """Whether a process is writing the run file at `path`. Nothing is changed. Raises OSError."""
+    if path.suffix != PARTIAL or not path.exists():
+        return False
+    if fcntl is not None:
+        try:
+            descriptor = open_descriptor(path, os.O_RDONLY)
+        except FileNotFoundError:  # it got its final name a moment ago
+            return False
+        try:
+            _lock_record(descriptor, exclusive=False)
+            return False
+        except OSError as error:
+            if error.errno in _HELD:
+                return True
+        finally:
+            os.close(descriptor)
+    return time.time() - path.stat().st_mtime < FRESH_S
+
+
+def _lock_record(descriptor: int, *, exclusive: bool) -> None:
+    """Lock one byte. A lock of the process, as outside Linux, ends when it closes the file anywhere."""
+    open_file_lock = getattr(fcntl, "F_OFD_SETLK", None)
+    if open_file_lock is None or struct.calcsize("P") != 8:
+        kind = fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH
+        fcntl.lockf(descriptor, kind | fcntl.LOCK_NB, 1, _PLACE)
+        return
+    kind = fcntl.F_WRLCK if exclusive else fcntl.F_RDLCK
+    fcntl.fcntl(descriptor, open_file_lock, struct.pack("hhqqi4x", kind, os.SEEK_SET, _PLACE, 1, 0))

@@ -20,8 +20,8 @@ from edmctl.dataclasses import asdict, dataclass, field, fields, replace
 from edmctl.errors import RunFileError
 from edmctl.files import json_of, lock_holder, open_descriptor, read_bytes, refuse_locked
 from edmctl.jsonout import to_json_value
+from edmctl.record.disk import exclusive_lock, retried
 from edmctl.record.json_rows import record_of, typed, write_through
-from edmctl.record.locks import exclusive, retried
 
 VERSION = 4
 """Since 2 touches of the pad have `home_um`, the sensor reading of a tool at home. Since 3 lines of a virtual bench
@@ -243,7 +243,7 @@ class Ledger:
             with ExitStack() as stack:
                 descriptor = open_descriptor(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
                 stack.callback(os.close, descriptor)
-                retried(lambda: stack.enter_context(exclusive(descriptor)), LONGEST_WAIT_S)
+                retried(lambda: stack.enter_context(exclusive_lock(descriptor)), LONGEST_WAIT_S)
                 _complete_last_line(descriptor)
                 write_through(descriptor, "".join(map(text_of, new)).encode())
         except OSError as refused:

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from edmctl import failures
 from edmctl.files import open_regular, refuse_locked
-from edmctl.record import layout, locks
+from edmctl.record import disk, layout
 from edmctl.record.disk import HDF5_ERRORS, PARTIAL
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -150,7 +150,7 @@ def _last_object(content: mmap.mmap, begin: int) -> tuple[int, int]:
 
 def open_hdf5(path: Path, mode: str = "r", **how: object) -> h5py.File:
     """Open an HDF5 file with the locks of its disk. Raises what h5py raises, ValueError for external links."""
-    return _without_links(h5py.File(path, mode, locking=locks.of_hdf5(path), **how))
+    return _without_links(h5py.File(path, mode, locking=disk.hdf5_locking(path), **how))
 
 
 def open_swmr(path: Path) -> h5py.File:
@@ -159,7 +159,7 @@ def open_swmr(path: Path) -> h5py.File:
     plist.set_libver_bounds(h5f.LIBVER_EARLIEST, h5f.LIBVER_LATEST)
     if (limit := _limit_of_attempts()) is not None:
         limit(plist.id, ATTEMPTS)
-    if not locks.are_known(path.parent):
+    if not disk.locks_are_known(path.parent):
         plist.set_file_locking(False, True)
     flags = h5f.ACC_RDONLY | h5f.ACC_SWMR_READ
     return _without_links(h5py.File(h5f.open(os.fsencode(path), flags, plist)))

@@ -40,11 +40,11 @@ from edmctl.record.disk import (
     PARTIAL,
     cannot_name,
     error_number,
+    is_live,
     reason,
     rename_without_replacing,
 )
 from edmctl.record.layout import GZIP_LEVEL, UNKNOWN, Content, Scalar, Table, build_tree, fit_utf8
-from edmctl.record.locks import is_live
 from edmctl.record.opening import open_dataset, read_value
 from edmctl.version import __version__
 from edmctl.wording import iso_of

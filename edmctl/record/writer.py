@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from edmctl import failures
 from edmctl.errors import RunFileError
-from edmctl.record import disk, layout, locks
+from edmctl.record import disk, layout
 from edmctl.record.disk import GIVE_UP_S
 from edmctl.record.layout import Column, Table, fit_utf8
 from edmctl.record.opening import image_of, open_hdf5, read_superblock
@@ -138,7 +138,7 @@ class RunWriter:
         self._file = file
         self._path = path
         self._partial = partial
-        self._lock = locks.hold(partial)
+        self._lock = disk.hold_lock(partial)
         self._failure: RunFileError | None = None
         self._accepts = True
         self._stores = {kind: _Store(file, table) for kind, table in layout.TABLE_OF.items()}
@@ -229,7 +229,7 @@ class RunWriter:
             try:
                 close_run(self._partial, self._path)
             finally:
-                locks.release(self._lock)
+                disk.release_lock(self._lock)
         return self._path
 
     def _follow(self, train: PulseTrain, row: int) -> None:
@@ -247,7 +247,7 @@ class RunWriter:
         except disk.HDF5_ERRORS as error:
             self._accepts = False
             disk.close_without_writing(self._file)
-            locks.release(self._lock)
+            disk.release_lock(self._lock)
             why = disk.reason(error)
             self._failure = failures.run_file_not_written(partial=self._partial, error=why)
             raise self._failure from error

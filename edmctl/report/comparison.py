@@ -8,9 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from edmctl.dataclasses import dataclass
 from edmctl.labels import basis_of
-from edmctl.record.reader import RunFile
+from edmctl.record.reader import RunFile, estimated_depth, sites_of
 from edmctl.record.rows import profile_leaves
-from edmctl.record.run_index import estimated_depth, sites_of
 from edmctl.results.run_file import Amount, ComparedRun, Comparison, Quantity, Setting, Sites
 from edmctl.results.telemetry import PULSE_CLASSES
 from edmctl.wording import plain_number

@@ -19,8 +19,7 @@ from edmctl.dataclasses import dataclass
 from edmctl.errors import installing
 from edmctl.record import layout
 from edmctl.record.layout import Column
-from edmctl.record.reader import RunFile
-from edmctl.record.run_index import sites_of
+from edmctl.record.reader import RunFile, sites_of
 from edmctl.results.declared import ending_of, quantities
 from edmctl.results.job import SiteTruth
 

@@ -10,8 +10,7 @@ from html import escape
 
 from edmctl.dataclasses import astuple
 from edmctl.labels import basis_of, heading, is_doubtful, marked, meanings
-from edmctl.record.reader import RunFile
-from edmctl.record.run_index import estimated_depth, sites_of
+from edmctl.record.reader import RunFile, estimated_depth, sites_of
 from edmctl.report import html
 from edmctl.report.html import PageTable, Picture
 from edmctl.report.kinds import KINDS, draw

@@ -16,9 +16,8 @@ from edmctl.array_types import Array, Flags
 from edmctl.dataclasses import dataclass, replace
 from edmctl.labels import Basis
 from edmctl.record import layout
-from edmctl.record.reader import RunFile, recorded_events
+from edmctl.record.reader import DEPTH_EVENTS, RunFile, has_depth, recorded_events, sites_of
 from edmctl.record.rows import RunEvent
-from edmctl.record.run_index import DEPTH_EVENTS, has_depth, sites_of
 from edmctl.report.signals import ROW_S, floats, intervals
 from edmctl.results.run_file import RecordedSite
 from edmctl.wording import plain_number

@@ -28,8 +28,8 @@ from edmctl.jobs.output_files import make_folder, unwritable, write
 from edmctl.jobs.plan import SIMULATOR, JobRequest, MachineAddress
 from edmctl.profile.folders import find_profile
 from edmctl.profile.read import parse, read_chain, read_source
+from edmctl.record.disk import exclusive_lock, retried
 from edmctl.record.json_rows import RowWriter, read_lines
-from edmctl.record.locks import exclusive, retried
 from edmctl.study.design import factors_of, is_within
 from edmctl.study.planning import LADDERS, PlannedStudy, base_request, stated_in
 from edmctl.study.responses import LARGEST
@@ -325,7 +325,7 @@ class StudyFolder:
             try:
                 descriptor = open_descriptor(path, os.O_CREAT | os.O_RDWR)
                 held.callback(os.close, descriptor)
-                retried(lambda: held.enter_context(exclusive(descriptor)), wait_s)
+                retried(lambda: held.enter_context(exclusive_lock(descriptor)), wait_s)
             except BlockingIOError:
                 command = self.command("status")
                 raise failures.study_is_running(path=self.path, command=command) from None

@@ -10,7 +10,7 @@ import pytest
 from edmctl.cli.render.runs_tables import render_runs
 from edmctl.cli.render.terminal import Style
 from edmctl.labels import Basis, Verdict
-from edmctl.record.run_index import read_head
+from edmctl.record.reader import read_head
 from edmctl.record.writer import RunWriter
 from edmctl.wording import file_size, start_utc
 from tests.cli.commands import Here

@@ -12,7 +12,7 @@ import pytest
 
 from edmctl.errors import UsageError
 from edmctl.jobs.runs.outputs import Target, plot_request
-from edmctl.record.locks import hold, release
+from edmctl.record.disk import hold_lock, release_lock
 from edmctl.record.opening import SEAL_BYTES
 from edmctl.report.kinds import KINDS, NAMES, Kind, kind_called
 from edmctl.report.panels import new_figure
@@ -185,11 +185,11 @@ def test_a_live_run_is_drawn_as_far_as_it_goes_and_a_killed_one_is_refused(
     said = here("run", "plot", str(unfinished), "--json")
     assert (said.exit_code, said.document["error"]["code"]) == (9, "E9008")
     assert names_in(unfinished.parent) == ["one.h5.partial"]
-    lock = hold(unfinished)
+    lock = hold_lock(unfinished)
     try:
         said = here("run", "plot", str(unfinished), "--kind", "gap")
     finally:
-        release(lock)
+        release_lock(lock)
     assert said.exit_code == 0, said.err
     assert (unfinished.parent / "one-gap.png").read_bytes().startswith(PNG)
 

@@ -19,8 +19,7 @@ from edmctl.jobs.runs.summary import summary_of
 from edmctl.record import layout
 from edmctl.record.columns import read_record
 from edmctl.record.opening import verify_checksum
-from edmctl.record.reader import open_run, reading
-from edmctl.record.run_index import heads_of, read_head
+from edmctl.record.reader import heads_of, open_run, read_head, reading
 from edmctl.results.run_file import Unreadable
 from tests.tiers import tiers
 

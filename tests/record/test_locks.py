@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from edmctl.record import locks
+from edmctl.record import disk
 from edmctl.record.bench_file import bench_lock
 from edmctl.record.ledger import Ledger, ToolChanged
 from tests.cli.commands import SHALLOW, command, environment
@@ -65,14 +65,14 @@ def no_locks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_disk_with_locks_is_known_as_one(tmp_path: Path) -> None:
-    assert locks.are_known(tmp_path / "runs" / "of today")
-    assert locks.of_hdf5(tmp_path / "a.h5") is None
+    assert disk.locks_are_known(tmp_path / "runs" / "of today")
+    assert disk.hdf5_locking(tmp_path / "a.h5") is None
 
 
 @pytest.mark.usefixtures("no_locks")
 def test_without_locks_bench_and_ledger_work(tmp_path: Path) -> None:
-    assert not locks.are_known(tmp_path)
-    assert locks.of_hdf5(tmp_path / "a.h5") is False
+    assert not disk.locks_are_known(tmp_path)
+    assert disk.hdf5_locking(tmp_path / "a.h5") is False
     with bench_lock(tmp_path / "b.h5"):
         pass
     for tool in ("one", "two"):
@@ -83,7 +83,7 @@ def test_without_locks_bench_and_ledger_work(tmp_path: Path) -> None:
 
 
 def test_every_file_is_opened_where_locks_are_thought_of() -> None:
-    sources = Path(locks.__file__).parents[1].rglob("*.py")
+    sources = Path(disk.__file__).parents[1].rglob("*.py")
     texts = ((path, path.read_text(encoding="utf-8")) for path in sources)
     bare = [
         path.name

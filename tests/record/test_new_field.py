@@ -25,7 +25,7 @@ exec(compile(source.replace(last, last + line), "job.py", "exec"), module.__dict
 
 from edmctl.jsonout import to_json_value
 from edmctl.record.reader import open_run
-from edmctl.record.run_index import sites_of
+from edmctl.record.reader import sites_of
 from edmctl.record.writer import RunWriter
 from edmctl.report.export import ExportTable
 from tests.record.samples import a_meta, a_site_row

@@ -14,9 +14,18 @@ from edmctl.errors import RunFileError
 from edmctl.labels import Basis, Verdict
 from edmctl.machine.interface import EventCode, MachineState
 from edmctl.record.layout import RESULTS
-from edmctl.record.reader import JUMP_DONE, TOUCH, RecordedState, open_run, reading, recorded_events
+from edmctl.record.reader import (
+    JUMP_DONE,
+    TOUCH,
+    RecordedState,
+    estimated_depth,
+    open_run,
+    read_head,
+    reading,
+    recorded_events,
+    sites_of,
+)
 from edmctl.record.rows import EventLevel, EventRow, RunEvent
-from edmctl.record.run_index import estimated_depth, read_head, sites_of
 from edmctl.results.declared import quantities, stored_columns
 from edmctl.results.job import SiteResult
 from tests.record.samples import a_site_row, finished, slow_row

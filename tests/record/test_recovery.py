@@ -17,7 +17,7 @@ import pytest
 
 from edmctl.errors import RunFileError
 from edmctl.record import layout, recovery
-from edmctl.record.locks import is_live
+from edmctl.record.disk import is_live
 from edmctl.record.opening import SEAL_BYTES, open_file, verify_checksum
 from edmctl.record.reader import open_run
 from edmctl.record.recovery import is_complete, recover, recover_damaged, write_anew

@@ -107,7 +107,7 @@ OTHER_LOG = {"pulses": "blocks", "blocks": "pulses"}
 @command("run list")
 def list_runs(outcome: Outcome, folder: FolderArgument = RUNS) -> None:
     """List the runs of a folder: status, depth, wear and time of each, the newest last."""
-    from edmctl.record.run_index import heads_of, read_head
+    from edmctl.record.reader import heads_of, read_head
 
     runs: list[RunHead | Unreadable] = []
     if folder.is_dir():

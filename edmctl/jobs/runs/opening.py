@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 from edmctl import failures
 from edmctl.errors import Diagnostic, EdmError, RunFileError
-from edmctl.record.disk import partial_path
-from edmctl.record.locks import is_live
+from edmctl.record.disk import is_live, partial_path
 
 if TYPE_CHECKING:
     from edmctl.jobs.plan import Resumption

@@ -14,9 +14,8 @@ from edmctl.labels import PAD
 from edmctl.link.faults import FAULTS
 from edmctl.machine.interface import EventCode
 from edmctl.record.layout import NO_EXIT_CODE, TOUCHES
-from edmctl.record.reader import RunFile, error_code_of, recorded_events
+from edmctl.record.reader import RunFile, error_code_of, estimated_depth, recorded_events, sites_of, status_of
 from edmctl.record.rows import RunEvent
-from edmctl.record.run_index import estimated_depth, sites_of, status_of
 from edmctl.results.run_file import FileEvent, JumpTimes, RunSummary, Sentence
 from edmctl.wording import duration, earlier, ended_as, facts, plain_number, plural, with_u95
 

@@ -20,8 +20,7 @@ from matplotlib.patches import Circle
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.labels import Basis, is_open, marked, open_marks
-from edmctl.record.reader import RunFile
-from edmctl.record.run_index import sites_of
+from edmctl.record.reader import RunFile, sites_of
 from edmctl.report import panels, style
 from edmctl.report.panels import Block
 from edmctl.results.job import length_text

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.labels import Basis
-from edmctl.record.reader import TOUCH, RecordedState, RunFile
-from edmctl.record.run_index import has_sensor, sites_of
+from edmctl.record.reader import TOUCH, RecordedState, RunFile, has_sensor, sites_of
 from edmctl.report import panels, signals, style
 from edmctl.report.panels import Block
 from edmctl.results.job import length_text

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 
 from edmctl.array_types import Array
 from edmctl.labels import is_open, open_marks
-from edmctl.record.reader import RunFile
-from edmctl.record.run_index import sites_of
+from edmctl.record.reader import RunFile, sites_of
 from edmctl.report import panels, signals, style
 from edmctl.report.removal import target_depths_um
 from edmctl.results.job import Case

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from edmctl.array_types import Array
 from edmctl.record import layout
-from edmctl.record.reader import RecordedState, RunFile
-from edmctl.record.run_index import has_sensor
+from edmctl.record.reader import RecordedState, RunFile, has_sensor
 from edmctl.report import panels, signals, style
 from edmctl.report.panels import Block, legend_above, note_above
 from edmctl.report.removal import KnownDepth, hole_starts_s, known_depths
