@@ -446,7 +446,7 @@ def write_data(traces: Sequence[Trace], path: Path) -> None:
 
 def write_figure(trial: Trial | PaperTrial, path: Path, caption: str) -> None:
     """Draw the figure with the caption. Raises RunFileError E9011, E9012."""
-    from edmctl.report.figures import actuator as figure  # matplotlib
+    from edmctl.report.figures import comparisons as figure  # matplotlib
 
     panels = []
     if isinstance(trial, Trial):
@@ -456,7 +456,7 @@ def write_figure(trial: Trial | PaperTrial, path: Path, caption: str) -> None:
                 figure.OWN: trace.models_um["ours"],
             }
             panels.append(figure.Trial(result.name, trace.t_s, trace.applied_v, trace.truth_um, models))
-        output_files.write(path, figure.draw(panels, path.name, caption))
+        output_files.write(path, figure.draw_models(panels, path.name, caption))
         return
     for waveform, trace in zip(trial.waveforms, trial.traces, strict=True):
         model_um = trace.models_um["paper"]

@@ -12,7 +12,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from edmctl.dataclasses import dataclass
-from edmctl.report.style import NothingToDraw, house_style, rendered
+from edmctl.report.panels import NothingToDraw, house_style, rendered
 
 WIDE_MM = 120.0
 """Figures wider than this take both columns of the page."""

@@ -19,8 +19,8 @@ from edmctl.dataclasses import dataclass
 from edmctl.quantity import half_width
 from edmctl.record import layout
 from edmctl.record.reader import RunFile
+from edmctl.report.panels import NothingToDraw
 from edmctl.report.signals import cuts_s
-from edmctl.report.style import NothingToDraw
 from edmctl.results.telemetry import PULSE_CLASSES
 
 OPEN, NORMAL, ARC, SHORT = range(4)

@@ -15,8 +15,7 @@ from edmctl.jobs.runs.outputs import Target, plot_request
 from edmctl.record.disk import hold_lock, release_lock
 from edmctl.record.opening import SEAL_BYTES
 from edmctl.report.kinds import KINDS, NAMES, Kind, kind_called
-from edmctl.report.panels import new_figure
-from edmctl.report.style import NothingToDraw
+from edmctl.report.panels import NothingToDraw, new_figure
 from tests.cli.commands import ROOT, Here
 from tests.cli.test_start_up import HEAVY, modules_after
 

@@ -8,7 +8,7 @@ import pytest
 
 from edmctl.app import main
 from edmctl.record.reader import open_run
-from edmctl.report import style
+from edmctl.report import panels
 from tests.cli.commands import CU270, ROOT
 from tests.faults.workshop import Workshop
 from tests.golden import once
@@ -47,7 +47,7 @@ def _machined(
 @pytest.fixture(autouse=True)
 def _coarse_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw at a third of the resolution: where things are does not depend on it, and it takes half the time."""
-    monkeypatch.setattr(style, "PNG_DPI", 100)
+    monkeypatch.setattr(panels, "PNG_DPI", 100)
 
 
 SLACK_INCH = 0.01

@@ -12,7 +12,7 @@ import pytest
 
 from edmctl.record.reader import open_run
 from edmctl.report.kinds import draw, kind_called
-from edmctl.report.style import NothingToDraw, house_style, rendered
+from edmctl.report.panels import NothingToDraw, house_style, rendered
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,13 +12,12 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from edmctl.errors import PreconditionError, UsageError, installing
-from edmctl.report import style
-from edmctl.report.figures.actuator import Trial
-from edmctl.report.figures.actuator import draw as draw_trials
+from edmctl.report import panels
+from edmctl.report.figures.comparisons import Trial
+from edmctl.report.figures.comparisons import draw_models as draw_trials
 from edmctl.report.kinds import KINDS, check_figure
-from edmctl.report.panels import Block, new_figure, panels
+from edmctl.report.panels import Block, NothingToDraw, house_style, new_figure, rendered, time_unit
 from edmctl.report.signals import broken
-from edmctl.report.style import NothingToDraw, house_style, rendered, time_unit
 from tests.report.drawing import drawn, overlaps, texts, texts_of
 from tests.tiers import tiers
 
@@ -79,7 +78,7 @@ def test_texts_on_each_other_are_found() -> None:
 @pytest.mark.parametrize("suffix", tiers(".png", slow=(".svg", ".pdf")))
 def test_text_that_leaves_the_canvas_is_found(suffix: str) -> None:
     with house_style():
-        figure, (axes,) = panels(Block("x (s)", {"y (V)": 1.0}))
+        figure, (axes,) = panels.panels(Block("x (s)", {"y (V)": 1.0}))
         rendered(figure, suffix)
         axes.set_title("far too many words for a figure of one column, and some more of them", loc="right")
         with pytest.raises(AssertionError):
@@ -98,7 +97,7 @@ def test_a_figure_of_waveforms_names_everything_and_fills_a_column_or_a_page(
 ) -> None:
     trials = [trial("one"), trial("two")][:count]
     (width,) = struct.unpack(">I", draw_trials(trials, "a.png")[16:20])
-    assert 25.4 * width / style.PNG_DPI == pytest.approx(width_mm, abs=0.2)
+    assert 25.4 * width / panels.PNG_DPI == pytest.approx(width_mm, abs=0.2)
     shown = texts_of(draw_trials(trials, "a.svg", "simulated, seed 3"))
     axes = {"voltage (V)", "displacement (µm)", "error (µm)", "edmctl error (µm)", "time (s)"}
     assert axes | {"truth", "Maxwell, no creep", "edmctl", "one", "(a)", "simulated, seed 3"} <= shown

@@ -18,8 +18,8 @@ from edmctl.record.reader import open_run
 from edmctl.record.rows import RunEvent, SlowRow, Summary, TruthMap
 from edmctl.report.figures.channel import Channel, channel_figure
 from edmctl.report.figures.holes import scale_of, sections_of, short_names
+from edmctl.report.panels import house_style, rendered
 from edmctl.report.removal import along, hole_starts_s, known_depths, lengths_um, planned_path, removal
-from edmctl.report.style import house_style, rendered
 from tests.record.samples import a_site_row
 from tests.report import made_up
 from tests.report.drawing import drawn, points_of, texts, texts_of, why_not

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from edmctl.report.html import picture_of
-from edmctl.report.style import NothingToDraw
+from edmctl.report.panels import NothingToDraw
 from edmctl.study.analysis import StudyAnalysis, doe_runs, pareto_front
 from edmctl.study.design import terms_of
 from edmctl.study.report import StudyReport

@@ -347,7 +347,7 @@ def _draw(outcome: Outcome, opened: "RunFile", request: "PlotRequest", overwrite
     """Draw and write one file after the other, so that earlier ones remain if a later one fails."""
     from edmctl.jobs import output_files
     from edmctl.jobs.runs.outputs import REPLACE_FIGURE_HINT
-    from edmctl.report.style import NothingToDraw
+    from edmctl.report.panels import NothingToDraw
 
     written: list[dict[str, object]] = []
     nothing: list[dict[str, object]] = []
@@ -381,7 +381,7 @@ def _content(opened: "RunFile", target: "Target") -> bytes:
 
         sentences = sentences_of(opened)
         return render_page(opened, pictures_of(opened), sentences, trouble_of(sentences)).encode()
-    from edmctl.report.style import house_style, rendered
+    from edmctl.report.panels import house_style, rendered
 
     with house_style():
         return rendered(draw(target.kind, opened), target.path.suffix.lower())
@@ -413,8 +413,8 @@ def compare(outcome: Outcome, files: FilesArgument, out: ComparisonOutOption = N
         outcome.result = result
         outcome.show(lambda style: render_comparison(found, style))
         if out is not None:
-            from edmctl.report.figures.runs import draw_runs
-            from edmctl.report.style import house_style, rendered
+            from edmctl.report.figures.comparisons import draw_runs
+            from edmctl.report.panels import house_style, rendered
 
             with house_style():
                 figure = draw_runs(runs, [letter(number) for number in range(len(runs))])

@@ -199,8 +199,8 @@ class _Batch:
             output_files.write(table, csv_of(self._summaries()))
             self._outcome.show(f"Table {table}")
         if figure is not None:
-            from edmctl.report.figures.runs import draw_cases
-            from edmctl.report.style import house_style, rendered
+            from edmctl.report.figures.comparisons import draw_cases
+            from edmctl.report.panels import house_style, rendered
 
             with house_style():
                 drawn = rendered(draw_cases(self._summaries()), figure.suffix.lower())

@@ -19,9 +19,9 @@ from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.record.reader import RunFile
 from edmctl.record.rows import TruthMap
-from edmctl.report import panels, style
+from edmctl.report import panels
+from edmctl.report.panels import BLACK, BLUE, GREY, VERMILION, NothingToDraw
 from edmctl.report.removal import along, lengths_um, planned_path
-from edmctl.report.style import BLACK, BLUE, GREY, VERMILION, NothingToDraw
 from edmctl.wording import plain_number
 
 BAR_MM = 18.0
@@ -98,7 +98,7 @@ def channel_figure(channel: Channel) -> Figure:
     """Draw the figure, 180 mm wide, within `house_style()`."""
     figure, (left, right) = panels.panels(
         panels.Block("x (µm)", {"y (µm)": 2.4}, (1.15, 1.0)),
-        width_mm=style.PAGE_MM,
+        width_mm=panels.PAGE_MM,
         gap_mm=panels.LEFT_MM + BAR_MM,
     )
     _draw_map(left, channel)
@@ -130,7 +130,7 @@ def _draw_work(axes: Axes, channel: Channel, work: TruthMap) -> ScalarMappable:
     cut = about[1:-1, 1:-1] & about[:-2, 1:-1] & about[2:, 1:-1] & about[1:-1, :-2] & about[1:-1, 2:]
     image = axes.imshow(
         np.where(cut, depth_um - channel.target_um, np.nan),
-        cmap=style.DEVIATIONS,
+        cmap=panels.DEVIATIONS,
         norm=channel.colours(depth_um if floor is None else floor[1]),
         origin="lower",
         extent=(x_um[0] - half_x, x_um[-1] + half_x, y_um[0] - half_y, y_um[-1] + half_y),
@@ -149,7 +149,7 @@ def _draw_touches(axes: Axes, channel: Channel) -> ScalarMappable:
     x_um, y_um = (np.interp(s_um, up_to_um, axis) for axis in channel.path_um.T)
     axes.margins(0.15)
     return axes.scatter(
-        x_um, y_um, c=depth_um - channel.target_um, cmap=style.DEVIATIONS, norm=channel.colours(depth_um),
+        x_um, y_um, c=depth_um - channel.target_um, cmap=panels.DEVIATIONS, norm=channel.colours(depth_um),
         s=22.0, edgecolor=BLACK, linewidth=0.5, zorder=4,
     )  # fmt: skip
 
@@ -158,7 +158,7 @@ def _draw_floor(axes: Axes, channel: Channel) -> None:
     target_um, tolerance_um, floor = channel.target_um, channel.tolerance_um, channel.floor()
     band_um = np.array([-1.0, 1.0]) * tolerance_um
     label = f"target {target_um:g} ± {tolerance_um:g} µm"
-    axes.axhspan(*(target_um + band_um), color=style.TOLERANCE, label=label)
+    axes.axhspan(*(target_um + band_um), color=panels.TOLERANCE, label=label)
     axes.axhline(target_um, color=GREY, linewidth=0.6)
     drawn_um = [target_um + BAND_TOLERANCES * band_um, channel.touched[:, 1]]
     if floor is not None:

@@ -21,7 +21,7 @@ from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.labels import Basis, is_open, marked, open_marks
 from edmctl.record.reader import RunFile, sites_of
-from edmctl.report import panels, style
+from edmctl.report import panels
 from edmctl.report.panels import Block
 from edmctl.results.job import length_text
 from edmctl.results.run_file import RecordedSite
@@ -48,7 +48,7 @@ TALLEST, FLATTEST = 1.0, 0.45
 """Height over width between which a section is drawn to scale."""
 SCALES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 ARC_POINTS = 12
-_FLOORS: dict[str, tuple[str, style.Dash]] = {
+_FLOORS: dict[str, tuple[str, panels.Dash]] = {
     Basis.TOUCHED: ("floor, touched", "-"),
     Basis.MODEL: ("floor, touched, by the actuator's model", "-"),
     Basis.ESTIMATED: ("floor, estimated", (0, (1.0, 0.8))),
@@ -59,9 +59,9 @@ def draw_array(run: RunFile) -> Figure:
     """Draw the holes to scale, coloured by depth minus target; without a target depth, minus their mean."""
     sites = [site for site in _measured_holes(run) if not site.through]
     if not sites:
-        raise style.NothingToDraw("The holes go through the sheet: there are no depths to compare.")
+        raise panels.NothingToDraw("The holes go through the sheet: there are no depths to compare.")
     if len(sites) == 1:
-        raise style.NothingToDraw("The run made one hole: `--kind steps` and `--kind erosion` draw it.")
+        raise panels.NothingToDraw("The run made one hole: `--kind steps` and `--kind erosion` draw it.")
     values = run.profile_values()
     target_um, tolerance_um = plain_number(values.get("target.depth_um")), math.nan
     depth_um = np.array([site.depth_um for site in sites])
@@ -74,22 +74,22 @@ def draw_array(run: RunFile) -> Figure:
     error_um = depth_um - target_um
     figure, (errors, wear) = panels.panels(
         Block("hole, in the order of machining; bars: 95 %", {label: 1.25, "tool wear (µm)": 1.0}),
-        width_mm=style.PAGE_MM,
+        width_mm=panels.PAGE_MM,
         left_mm=panels.LEFT_MM + MAP_MM + BAR_MM + panels.LEFT_MM,
     )
     low, high = wear.get_position().y0, errors.get_position().y1
-    places = figure.add_axes((panels.LEFT_MM / style.PAGE_MM, low, MAP_MM / style.PAGE_MM, high - low))
+    places = figure.add_axes((panels.LEFT_MM / panels.PAGE_MM, low, MAP_MM / panels.PAGE_MM, high - low))
     panels.letter_panels((places, errors, wear))
     _draw_map(places, sites, error_um, tolerance_um, label)
     bases = [site.depth_basis or "" for site in sites]
     if math.isfinite(tolerance_um):
-        errors.axhspan(-tolerance_um, tolerance_um, color=style.TOLERANCE, linewidth=0.0, zorder=0)
+        errors.axhspan(-tolerance_um, tolerance_um, color=panels.TOLERANCE, linewidth=0.0, zorder=0)
         against += f", ± {tolerance_um:g} µm shaded"
-    errors.axhline(0.0, color=style.GREY, linewidth=0.6)
-    _draw_in_order(errors, error_um, [site.depth_u95_um for site in sites], bases, style.BLUE, "o")
+    errors.axhline(0.0, color=panels.GREY, linewidth=0.6)
+    _draw_in_order(errors, error_um, [site.depth_u95_um for site in sites], bases, panels.BLUE, "o")
     panels.note_above(errors, against)
     wear_um, wear_bases = np.array([site.wear_um for site in sites]), [site.wear_basis for site in sites]
-    _draw_in_order(wear, wear_um, [site.wear_u95_um for site in sites], wear_bases, style.VERMILION, "s")
+    _draw_in_order(wear, wear_um, [site.wear_u95_um for site in sites], wear_bases, panels.VERMILION, "s")
     panels.note_above(wear, open_marks([*wear_bases, *bases]))
     names = short_names([site.name for site in sites])
     every, longest = -(-len(names) // MOST_TICKS), max(map(len, names))
@@ -105,10 +105,10 @@ def draw_array(run: RunFile) -> Figure:
 def _measured_holes(run: RunFile) -> list[RecordedSite]:
     """Return the holes with a length, in the order of machining. Raises NothingToDraw."""
     if "path.kind" in run.profile_values():
-        raise style.NothingToDraw("The run made a channel, no holes: `--kind channel` draws it.")
+        raise panels.NothingToDraw("The run made a channel, no holes: `--kind channel` draws it.")
     sites = [site for site in sites_of(run) if math.isfinite(site.length_um)]
     if not sites:
-        raise style.NothingToDraw("No hole was measured: the run ended before its first measuring stop.")
+        raise panels.NothingToDraw("No hole was measured: the run ended before its first measuring stop.")
     return sites
 
 
@@ -136,10 +136,10 @@ def _draw_map(
     axes.set_aspect("equal")
     discs = PatchCollection(
         [Circle((x_um, y_um), 0.42 * pitch_um) for x_um, y_um in places_um],
-        edgecolor=style.BLACK,
+        edgecolor=panels.BLACK,
         linewidth=0.5,
     )
-    discs.set(array=error_um, cmap=style.DEVIATIONS, norm=Normalize(-span_um, span_um))
+    discs.set(array=error_um, cmap=panels.DEVIATIONS, norm=Normalize(-span_um, span_um))
     axes.add_collection(discs)
     if len(sites) <= LABELLED:
         names = short_names([site.name for site in sites])
@@ -148,7 +148,7 @@ def _draw_map(
             axes.text(
                 site.x_um, site.y_um, f"{name}\n{marked(signed(hole_um), site.depth_basis)}\n± {u95_um:.2f}",
                 ha="center", va="center", fontsize=6.0 if len(sites) <= 16 else 4.5, linespacing=1.15,
-                color="white" if abs(hole_um) > 0.6 * span_um else style.BLACK,
+                color="white" if abs(hole_um) > 0.6 * span_um else panels.BLACK,
             )  # fmt: skip
     axes.locator_params(nbins=6)
     axes.set_xlabel("x (µm)")
@@ -255,7 +255,7 @@ def draw_section(run: RunFile) -> Figure:
     """Draw the last holes of the run: one in a column, up to three over a page. Raises NothingToDraw."""
     sections, count = sections_of(run)
     alone = len(sections) == 1
-    width_mm = style.COLUMN_MM if alone else style.PAGE_MM
+    width_mm = panels.COLUMN_MM if alone else panels.PAGE_MM
     inner_mm = width_mm - panels.LEFT_MM - panels.RIGHT_MM - GAP_MM * (len(sections) - 1)
     height_mm = inner_mm / len(sections) * max(section.scaled()[1] for section in sections)
     figure, axes_of = panels.panels(
@@ -280,7 +280,7 @@ def sections_of(run: RunFile) -> tuple[list[Section], int]:
     values, sites = run.profile_values(), _measured_holes(run)
     diameter_um = run.number("/entry/tool/diameter")
     if not diameter_um > 0.0:
-        raise style.NothingToDraw(
+        raise panels.NothingToDraw(
             "The width of the tool is not in this file, and the hole is as wide; run files of jobs with a profile "
             "have it (tool.diameter_um)."
         )
@@ -297,7 +297,7 @@ def _draw_hole(axes: Axes, section: Section, title: str) -> None:
     _draw_tool(axes, section)
     outline = section.true_outline()
     if outline is not None:
-        axes.plot(*outline.T, color=style.GREEN, linewidth=1.0, label="truth (simulated)", zorder=4.0)
+        axes.plot(*outline.T, color=panels.GREEN, linewidth=1.0, label="truth (simulated)", zorder=4.0)
     _draw_lengths(axes, section, 0.415 * right_um)
     axes.set_aspect(scale, anchor="N")
     axes.grid(visible=False)
@@ -313,20 +313,22 @@ def _draw_work(axes: Axes, section: Section) -> None:
     below_um = section.sheet_um if site.through else bottom_um
     label = "wall by the profile's side gap" if math.isfinite(section.side_gap_um) else "_"
     for inner_um, outer_um, name in ((-wall_um, left_um, "_"), (wall_um, right_um, label)):
-        axes.fill_between([inner_um, outer_um], 0.0, below_um, color=style.LIGHT, linewidth=0.0)
-        axes.plot([inner_um] * 2, [0.0, end_um], color=style.FAINT, linestyle=(0, (3.0, 1.5)), label=name)
-        axes.plot([inner_um, outer_um], [0.0, 0.0], color=style.BLACK)
+        axes.fill_between([inner_um, outer_um], 0.0, below_um, color=panels.LIGHT, linewidth=0.0)
+        axes.plot([inner_um] * 2, [0.0, end_um], color=panels.FAINT, linestyle=(0, (3.0, 1.5)), label=name)
+        axes.plot([inner_um, outer_um], [0.0, 0.0], color=panels.BLACK)
     if site.through:
         return
     across_um = [-wall_um, wall_um]
-    axes.fill_between(across_um, end_um, below_um, color=style.LIGHT, linewidth=0.0)
+    axes.fill_between(across_um, end_um, below_um, color=panels.LIGHT, linewidth=0.0)
     label, dash = _FLOORS.get(site.depth_basis or "", ("floor", "-"))
     axes.plot(
-        across_um, [end_um] * 2, color=style.BLACK, linewidth=1.4, linestyle=dash, label=label, zorder=3.0
+        across_um, [end_um] * 2, color=panels.BLACK, linewidth=1.4, linestyle=dash, label=label, zorder=3.0
     )
     if math.isfinite(site.depth_u95_um):
         low_um, high_um = end_um - site.depth_u95_um, end_um + site.depth_u95_um
-        axes.fill_between(across_um, low_um, high_um, color=style.BLUE, alpha=0.25, linewidth=0.0, zorder=2.5)
+        axes.fill_between(
+            across_um, low_um, high_um, color=panels.BLUE, alpha=0.25, linewidth=0.0, zorder=2.5
+        )
 
 
 def _draw_tool(axes: Axes, section: Section) -> None:
@@ -334,18 +336,18 @@ def _draw_tool(axes: Axes, section: Section) -> None:
     site, tip, top_um = section.site, section.tool_tip(), axes.get_ylim()[1]
     across = [-section.radius_um, section.radius_um]
     axes.fill(
-        [*across, *tip[:, 0]], [top_um, top_um, *tip[:, 1]], facecolor=style.GREY, alpha=0.45, linewidth=0.0,
+        [*across, *tip[:, 0]], [top_um, top_um, *tip[:, 1]], facecolor=panels.GREY, alpha=0.45, linewidth=0.0,
         label="tool at the end" if site.through else "tool at the bottom",
     )  # fmt: skip
     if math.isfinite(site.working_gap_um) and not site.through:
         gap_um = section.tip_um - site.working_gap_um
         axes.plot(
-            across, [gap_um] * 2, color=style.GREY, linestyle=(0, (1.0, 1.0)), label="tip while sparking"
+            across, [gap_um] * 2, color=panels.GREY, linestyle=(0, (1.0, 1.0)), label="tip while sparking"
         )
     if section.worn_um > section.tip_um:
         axes.fill(
             [*tip[:, 0], *across], [*tip[:, 1], section.worn_um, section.worn_um], facecolor="none",
-            edgecolor=style.VERMILION, hatch="/////", linewidth=0.6, linestyle=":", label="worn off the tool",
+            edgecolor=panels.VERMILION, hatch="/////", linewidth=0.6, linestyle=":", label="worn off the tool",
         )  # fmt: skip
 
 
@@ -355,10 +357,10 @@ def _draw_lengths(axes: Axes, section: Section, at_um: float) -> None:
     if site.through:
         begin_um, words = section.end_um, BEYOND_EXIT.replace(" the", "\nthe")
         words += f"\n{with_u95(site.beyond_exit_um, site.beyond_exit_u95_um, 1)}"
-    panels.draw_length(axes, at_um, (begin_um, section.tip_um), style.BLUE, f"{words} µm")
+    panels.draw_length(axes, at_um, (begin_um, section.tip_um), panels.BLUE, f"{words} µm")
     if math.isfinite(site.wear_um):
         ends_um, words = (section.tip_um, section.worn_um), f"wear\n{length_text(site, 'wear', 1)} µm"
-        panels.draw_length(axes, at_um, ends_um, style.VERMILION, words)
+        panels.draw_length(axes, at_um, ends_um, panels.VERMILION, words)
 
 
 def _known(value: float) -> float:

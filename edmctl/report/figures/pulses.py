@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from edmctl.array_types import Array
 from edmctl.record import layout
 from edmctl.record.reader import JUMP_DONE, RecordedState, RunFile, recorded_events
-from edmctl.report import panels, signals, style
+from edmctl.report import panels, signals
 from edmctl.report import pulse_statistics as statistics
 from edmctl.report.panels import Block, note_above, shared_legend
 from edmctl.report.removal import Removal, cumulated, in_this_run, kappa, removal
@@ -47,13 +47,13 @@ def draw_pulses(run: RunFile) -> Figure:
     edges_s = np.linspace(cuts[0, 0], cuts[-1, 1], INTERVALS + 1)
     counts = _while_cutting(run, edges_s, cuts)
     if not counts.sum():
-        raise style.NothingToDraw(
+        raise panels.NothingToDraw(
             "No pulses were recorded while cutting: the line lost them all, or the cut was too short."
         )
     total = counts.sum(axis=1)[:, None]
     shares = np.divide(100.0 * counts, total, out=np.full(counts.shape, np.nan), where=total > 0)
     by_class = dict(zip(PULSE_CLASSES, shares.T, strict=True))
-    per_s, label = style.time_unit(float(edges_s[-1]))
+    per_s, label = panels.time_unit(float(edges_s[-1]))
     share = "share of\npulses (%)"
     figure, (over_time, rare, over_all) = panels.panels(
         Block(label, {share: 1.2, "arcs and\nshorts (%)": 0.9}), Block("", {share: 0.9})
@@ -62,14 +62,14 @@ def draw_pulses(run: RunFile) -> Figure:
     for name in FROM_BELOW:
         above = below + by_class[name]
         over_time.stairs(
-            above, edges_s / per_s, baseline=below, fill=True, facecolor=style.PULSE_COLOURS[name],
-            edgecolor="white", hatch=style.PULSE_HATCHES[name], linewidth=0.0, label=name,
+            above, edges_s / per_s, baseline=below, fill=True, facecolor=panels.PULSE_COLOURS[name],
+            edgecolor="white", hatch=panels.PULSE_HATCHES[name], linewidth=0.0, label=name,
         )  # fmt: skip
         below = above
     over_time.set_ylim(0.0, 100.0)
-    for name, dash in style.PULSE_DASHES.items():
+    for name, dash in panels.PULSE_DASHES.items():
         steps = rare.stairs(by_class[name], edges_s / per_s, baseline=None, linewidth=1.0, linestyle=dash)
-        steps.set_edgecolor(style.PULSE_COLOURS[name])
+        steps.set_edgecolor(panels.PULSE_COLOURS[name])
     rare.set_ylim(bottom=0.0)
     rare.set_xlim(edges_s[0] / per_s, edges_s[-1] / per_s)
     _draw_totals(over_all, dict(zip(PULSE_CLASSES, counts.sum(axis=0).tolist(), strict=True)))
@@ -100,8 +100,8 @@ def _draw_totals(axes: Axes, totals: Mapping[str, int]) -> None:
     shares = [totals[name] / sum(totals.values()) for name in FROM_BELOW]
     heights = [100.0 * share for share in shares]
     bars = axes.bar(
-        FROM_BELOW, heights, width=0.62, color=[style.PULSE_COLOURS[name] for name in FROM_BELOW],
-        edgecolor="white", linewidth=0.0, hatch=[style.PULSE_HATCHES[name] for name in FROM_BELOW],
+        FROM_BELOW, heights, width=0.62, color=[panels.PULSE_COLOURS[name] for name in FROM_BELOW],
+        edgecolor="white", linewidth=0.0, hatch=[panels.PULSE_HATCHES[name] for name in FROM_BELOW],
     )  # fmt: skip
     # Two decimals, so that shares can be compared.
     small = {0.0: "none"} | {share: "< 0.01 %" for share in shares if 0.0 < share < 0.5e-4}
@@ -114,16 +114,16 @@ def _draw_totals(axes: Axes, totals: Mapping[str, int]) -> None:
 def draw_laue(run: RunFile) -> Figure:
     """Draw the delays of normal discharges, and their Laue plot; open pulses had not ignited within the on-time."""
     if not statistics.has_every_pulse(run):
-        raise style.NothingToDraw(
+        raise panels.NothingToDraw(
             "Single pulses were not recorded: `--set log.pulses=full` keeps the ignition delay of each."
         )
     cuts = signals.cuts_s(run)
     if not len(cuts):
-        raise style.NothingToDraw("The run ended before the first cut, so no pulse had a gap to ignite in.")
+        raise panels.NothingToDraw("The run ended before the first cut, so no pulse had a gap to ignite in.")
     found = statistics.delays(run, cuts)
     fit = statistics.random_ignition(found)
     if fit is None or fit.ignited < LEAST_PULSES:
-        raise style.NothingToDraw(
+        raise panels.NothingToDraw(
             f"Fewer than {LEAST_PULSES} normal discharges were recorded: a longer run has more."
         )
     steps = len(found.ignited)
@@ -137,7 +137,7 @@ def draw_laue(run: RunFile) -> Figure:
     # The last bar is narrower; heights are those of whole ones.
     heights = 100.0 / total * np.add.reduceat(found.ignited, edges[:-1]) * per_bar / np.diff(edges)
     edges_us = statistics.STEP_US * edges
-    histogram.stairs(heights, edges_us, fill=True, color=style.NORMAL, label="normal discharges")
+    histogram.stairs(heights, edges_us, fill=True, color=panels.NORMAL, label="normal discharges")
     histogram.set_xlim(0.0, edges_us[-1])
     _draw_survivors(laue, found, fit)
     note_above(histogram, f"{100.0 * found.censored.sum() / total:.1f} % open: not ignited")
@@ -149,11 +149,11 @@ def _draw_survivors(axes: Axes, found: statistics.Delays, fit: statistics.Random
     surviving = found.surviving
     shown = (surviving > 0.0) & (found.at_risk >= LEAST_AT_RISK)
     delay_us = statistics.STEP_US * (np.arange(len(surviving)) + 0.5)
-    axes.plot(delay_us[shown], surviving[shown], color=style.BLACK, linewidth=1.2, label="not yet ignited")
+    axes.plot(delay_us[shown], surviving[shown], color=panels.BLACK, linewidth=1.2, label="not yet ignited")
     line_us = np.array([fit.lag_us, delay_us[shown][-1]])
     label = f"random ignition: mean {to_its_u95(fit.mean_us, fit.mean_u95_us)} µs after a lag of {fit.lag_us:.1f} µs"
     random = np.exp(-(line_us - fit.lag_us) / fit.mean_us)
-    axes.plot(line_us, random, color=style.VERMILION, linestyle=style.DASHED, linewidth=1.0, label=label)
+    axes.plot(line_us, random, color=panels.VERMILION, linestyle=panels.DASHED, linewidth=1.0, label=label)
     axes.set_yscale("log")
     axes.set_ylim(0.9 * surviving[shown][-1], 1.1)
     panels.plain_log_ticks(axes.yaxis)
@@ -167,7 +167,7 @@ def draw_energy(run: RunFile) -> Figure:
     edges_s = np.unique(np.concatenate([cuts[[0, -1], [0, 1]], found.began_s, found.time_s]))
     energies = statistics.spark_energies(run, edges_s)
     if energies is None:
-        raise style.NothingToDraw("There was no discharge while cutting: every pulse was open or short.")
+        raise panels.NothingToDraw("There was no discharge while cutting: every pulse was open or short.")
     is_resumed = bool(run.text("/entry/parent_run"))
     if is_resumed:
         found = in_this_run(found, _of_hole_uj(found, edges_s, energies.sums_uj))
@@ -191,15 +191,15 @@ def _draw_energies(axes: Axes, found: statistics.SparkEnergies) -> None:
     total = found.normal.sum() + found.arc.sum()
     normal, arc = 100.0 * found.normal / total, 100.0 * found.arc / total
     name = "normal discharges" if found.is_single else "normal discharges and arcs"
-    axes.stairs(normal, found.edges_uj, fill=True, color=style.NORMAL, label=name)
+    axes.stairs(normal, found.edges_uj, fill=True, color=panels.NORMAL, label=name)
     if found.arc.any():
         axes.stairs(
-            normal + arc, found.edges_uj, baseline=normal, fill=True, facecolor=style.ARC, edgecolor=style.BLACK,
-            linewidth=0.0, hatch=style.PULSE_HATCHES["arc"], label="arcs",
+            normal + arc, found.edges_uj, baseline=normal, fill=True, facecolor=panels.ARC, edgecolor=panels.BLACK,
+            linewidth=0.0, hatch=panels.PULSE_HATCHES["arc"], label="arcs",
         )  # fmt: skip
     middle_uj = 0.5 * (found.edges_uj[1:] + found.edges_uj[:-1])
     mean_uj = float(((found.normal + found.arc) * middle_uj).sum() / total)
-    axes.axvline(mean_uj, color=style.BLACK, linestyle=style.DASHED, label=f"mean {mean_uj:.3g} µJ")
+    axes.axvline(mean_uj, color=panels.BLACK, linestyle=panels.DASHED, label=f"mean {mean_uj:.3g} µJ")
     axes.set_xlim(0.0, found.edges_uj[-1])
     note_above(axes, f"{count(int(total))} discharges")
 
@@ -219,11 +219,11 @@ def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array, exp
     # µm³/µJ times J is 10⁻³ mm³.
     energy_j = np.array([0.0, 1.04 * until_uj.max() / UJ_PER_J])
     label = f"profile: κ = {expected:.3g}"
-    axes.plot(energy_j, expected * energy_j, color=style.GREY, ls=style.DASHED, linewidth=1.0, label=label)
+    axes.plot(energy_j, expected * energy_j, color=panels.GREY, ls=panels.DASHED, linewidth=1.0, label=label)
     fit = kappa(found, _of_hole_uj(found, edges_s, sums_uj))
     if fit is not None:
         label = f"κ = {to_its_u95(fit.value, fit.u95)} µm³/µJ"
-        axes.plot(energy_j, fit.value * energy_j, color=style.VERMILION, linewidth=1.0, label=label)
+        axes.plot(energy_j, fit.value * energy_j, color=panels.VERMILION, linewidth=1.0, label=label)
         # The width of the hole is the profile's; its share of the uncertainty is unknown.
         points = "the last touched point" if fit.holes == 1 else f"{fit.holes} last touched points"
         note_above(axes, f"κ by {points}, ± of depth alone")
@@ -232,7 +232,7 @@ def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array, exp
         if rows.any():
             volume, u95 = (values[rows] / UM3_PER_MM3 * 1e3 for values in (volume_um3, u95_um3))
             panels.draw_points(
-                axes, until_uj[rows] / UJ_PER_J, volume, u95, style.BLUE, full=touched, label=name
+                axes, until_uj[rows] / UJ_PER_J, volume, u95, panels.BLUE, full=touched, label=name
             )
     axes.set_xlim(left=0.0)
     axes.set_ylim(bottom=0.0)
@@ -244,23 +244,23 @@ def draw_jumps(run: RunFile) -> Figure:
     if not len(at_s):
         mode = run.profile_values().get("jump.mode", "")
         why = 'its profile says jump.mode = "off"' if mode == "off" else "it ended before the first was due"
-        raise style.NothingToDraw(f"The tool did not jump in this run: {why}.")
+        raise panels.NothingToDraw(f"The tool did not jump in this run: {why}.")
     slow = signals.floats(run, layout.SLOW.path, ("time", "r_arc", "r_short", "jump_period"))
     if not len(slow["time"]):
-        raise style.NothingToDraw("The run has jumps, but no rows of the supervisor beside them.")
-    per_s, label = style.time_unit(float(slow["time"][-1]))
+        raise panels.NothingToDraw("The run has jumps, but no rows of the supervisor beside them.")
+    per_s, label = panels.time_unit(float(slow["time"][-1]))
     figure, (shares, periods) = panels.panels(
         Block(label, {f"share of pulses,\nmean of {signals.MEAN_S:g} s (%)": 1.15, "jump period (s)": 1.15})
     )
-    for name, dash in style.PULSE_DASHES.items():
+    for name, dash in panels.PULSE_DASHES.items():
         line = signals.broken(slow["time"], signals.running_mean(slow["time"], 100.0 * slow[f"r_{name}"]))
-        colour = style.PULSE_COLOURS[name]
+        colour = panels.PULSE_COLOURS[name]
         shares.plot(line.time_s / per_s, line.mean, color=colour, linewidth=1.0, label=f"{name}s", ls=dash)
     top = max(1.0, 1.25 * shares.get_ylim()[1])
     shares.set_ylim(0.0, top)
     if len(at_s) <= FEW:
         marks = np.full(len(at_s), 0.955 * top)
-        shares.plot(at_s / per_s, marks, "|", color=style.BLACK, ms=5.0, mew=0.5, label="jump")
+        shares.plot(at_s / per_s, marks, "|", color=panels.BLACK, ms=5.0, mew=0.5, label="jump")
     _draw_periods(periods, slow, at_s, signals.cuts_s(run), per_s)
     note_above(shares, plural(len(at_s), "jump"))
     shared_legend(figure, (shares, periods))
@@ -271,10 +271,10 @@ def _draw_periods(axes: Axes, slow: dict[str, Array], at_s: Array, cuts: Array, 
     since_s = since_the_last(at_s, cuts)
     period = signals.broken(slow["time"], slow["jump_period"])
     if not period.is_empty:
-        panels.draw_envelope(axes, period, per_s, style.GREY, "jump period in force", 1.2)
+        panels.draw_envelope(axes, period, per_s, panels.GREY, "jump period in force", 1.2)
     if np.isfinite(since_s).any():
         axes.plot(
-            at_s / per_s, since_s, "o", color=style.BLUE, markersize=2.6 if len(at_s) <= FEW else 1.2,
+            at_s / per_s, since_s, "o", color=panels.BLUE, markersize=2.6 if len(at_s) <= FEW else 1.2,
             markeredgewidth=0.0, label="time since the jump before",
         )  # fmt: skip
     drawn_s = np.concatenate([since_s, slow["jump_period"]])
@@ -299,7 +299,7 @@ def draw_waveforms(run: RunFile) -> Figure:
     path = layout.WAVEFORMS.path
     time_s = run.column(path, "time").astype(np.float64)
     if len(time_s) < 2:
-        raise style.NothingToDraw(
+        raise panels.NothingToDraw(
             "The run has no waveforms: the controller latched no fault, or keeps no waveforms about one."
         )
 
@@ -320,7 +320,7 @@ def draw_waveforms(run: RunFile) -> Figure:
         _draw_waveforms(two, lines, zero_s)
         if fault_s is not None:
             for one in two:
-                one.axvline(0.0, color=style.BLACK, linewidth=0.7, linestyle=(0, (3, 1.5)))
+                one.axvline(0.0, color=panels.BLACK, linewidth=0.7, linestyle=(0, (3, 1.5)))
             two[0].annotate(
                 "fault", (0.0, 1.0), xycoords=("data", "axes fraction"), xytext=(0.0, 1.5),
                 textcoords="offset points", ha="center", va="bottom", fontsize=6.5,
@@ -336,7 +336,7 @@ def _fault_s(run: RunFile, time_s: Array) -> float | None:
 
 
 def _draw_waveforms(pair: Sequence[Axes], lines: Mapping[str, signals.Envelope], zero_s: float) -> None:
-    for axes, line, colour in zip(pair, lines.values(), (style.BLUE, style.VERMILION), strict=True):
+    for axes, line, colour in zip(pair, lines.values(), (panels.BLUE, panels.VERMILION), strict=True):
         panels.draw_envelope(axes, line, MS, colour, width=0.6, begin_s=zero_s)
         axes.set_xlim((line.time_s[0] - zero_s) / MS, (line.time_s[-1] - zero_s) / MS)
         axes.margins(y=0.12)

@@ -21,7 +21,7 @@ from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.labels import Basis
 from edmctl.record.reader import TOUCH, RecordedState, RunFile, has_sensor, sites_of
-from edmctl.report import panels, signals, style
+from edmctl.report import panels, signals
 from edmctl.report.panels import Block
 from edmctl.results.job import length_text
 from edmctl.results.run_file import RecordedSite
@@ -43,7 +43,7 @@ NUMBERED_SITES = 12
 NAMED_SITES = 30
 PITCH = 4.4
 """Distance from site to site on the horizontal axis, in widths of a reading."""
-COLOURS = {"depth": style.BLUE, "wear": style.VERMILION, "feed": style.GREEN}
+COLOURS = {"depth": panels.BLUE, "wear": panels.VERMILION, "feed": panels.GREEN}
 
 
 def draw_touching(run: RunFile) -> Figure:
@@ -54,7 +54,7 @@ def draw_touching(run: RunFile) -> Figure:
         (rows for rows in (accepted[accepted["kind"] == b"Z2"], accepted, touches) if len(rows)), None
     )
     if chosen is None:
-        raise style.NothingToDraw(
+        raise panels.NothingToDraw(
             "The tool touched nothing in this run; a job that measures, or `edmctl measure-wear`, does."
         )
     touch = chosen[-1]
@@ -63,7 +63,7 @@ def draw_touching(run: RunFile) -> Figure:
     begin_s, end_s, contacts_s = _contacts(run, float(touch["time"]), after_s)
     part = _rows_between(run, begin_s, end_s)
     if part[1] - part[0] < 2:
-        raise style.NothingToDraw(
+        raise panels.NothingToDraw(
             "The servo signals of this file do not cover its touches; those of a whole run file do."
         )
     # The readings from the last Z1 on, with all its spots; all of them without one.
@@ -75,7 +75,7 @@ def draw_touching(run: RunFile) -> Figure:
         whole = _rows_between(run, _touching_since(run, first_s), last_s + after_s)
     has_whole = whole[1] - whole[0] > 1
     span_s = signals.time_at(run, whole[1] - 1) - signals.time_at(run, whole[0]) if has_whole else 0.0
-    unit_s, label = style.time_unit(span_s)
+    unit_s, label = panels.time_unit(span_s)
     blocks = [Block(label, dict.fromkeys(Y, 1.0))] if has_whole else []
     zoom = Block("time (s)", dict.fromkeys(Y, 1.1), (1.7, 1.0), above_mm=panels.TITLE_MM)
     figure, axes = panels.panels(*blocks, zoom, gap_mm=11.0)
@@ -108,7 +108,7 @@ def _draw_sequence(
 
     lines = signals.envelopes(run, signals.SERVO, ["v_cmd", place, "state"], derive, part)
     for axes, name, colour in zip(
-        pair, lines, (style.VERMILION, style.GREY if sensed else style.BLUE), strict=True
+        pair, lines, (panels.VERMILION, panels.GREY if sensed else panels.BLUE), strict=True
     ):
         panels.draw_envelope(axes, lines[name], unit_s, colour)
         panels.mark_readings(axes, readings, name, unit_s)
@@ -124,14 +124,14 @@ def _draw_zoom(
     for axes in pair:
         for contact_s in contacts_s:
             axes.axvline(
-                contact_s, color=style.BLACK, linewidth=0.6, linestyle=(0, (1.5, 1.5)), label="contact"
+                contact_s, color=panels.BLACK, linewidth=0.6, linestyle=(0, (1.5, 1.5)), label="contact"
             )
         axes.locator_params(axis="x", nbins=bins)
         axes.locator_params(axis="y", nbins=5)
-    pair[0].plot(time_s, columns["v_cmd"], color=style.VERMILION)
+    pair[0].plot(time_s, columns["v_cmd"], color=panels.VERMILION)
     for name, colour, width, label in (
-        ("z_sensor", style.GREY, 1.0, "sensor"),
-        ("z_model", style.BLUE, 0.8, "estimated"),
+        ("z_sensor", panels.GREY, 1.0, "sensor"),
+        ("z_model", panels.BLUE, 0.8, "estimated"),
     ):
         if np.isfinite(columns[name]).any():
             pair[1].plot(time_s, columns[name], color=colour, linewidth=width, label=label)
@@ -205,12 +205,12 @@ def draw_steps(run: RunFile) -> Figure:
     every = [_readings_of(site, touches) for site in sites_of(run)]
     readings = [one for one in every if np.isfinite(one.z_um).all()]
     if not readings:
-        raise style.NothingToDraw(
+        raise panels.NothingToDraw(
             "No site of this run was measured, so there are no readings Z1, Z2 and Z3; a job that reaches its "
             "first measuring stop has them."
         )
     alone = len(readings) == 1
-    width_mm = style.PAGE_MM if len(readings) > COLUMN_SITES else style.COLUMN_MM
+    width_mm = panels.PAGE_MM if len(readings) > COLUMN_SITES else panels.COLUMN_MM
     figure, (axes,) = panels.panels(Block("", {"tool displacement (µm)": 1.9}), width_mm=width_mm)
     words = "measured" if sensor else "by contact, estimated displacement"
     for number, one in enumerate(readings):
@@ -220,7 +220,7 @@ def draw_steps(run: RunFile) -> Figure:
             begins = number * PITCH + np.arange(3) + 0.1
             dash, label = (0, (2.5, 1.2)), "estimated from voltage"
             axes.hlines(
-                one.model_um, begins, begins + 0.8, style.GREY, linewidth=1.0, linestyle=dash, label=label
+                one.model_um, begins, begins + 0.8, panels.GREY, linewidth=1.0, linestyle=dash, label=label
             )
     axes.tick_params(axis="x", length=0.0)
     axes.grid(visible=False, axis="x")
@@ -244,11 +244,11 @@ def _draw_site(axes: Axes, readings: _Readings, left: float, words: str, *, alon
     edges = left + np.arange(4.0)
     for number, (value_um, touched) in enumerate(zip(z_um, readings.touched, strict=True)):
         axes.plot(
-            edges[number : number + 2], [value_um] * 2, color=style.BLACK, linewidth=1.2,
+            edges[number : number + 2], [value_um] * 2, color=panels.BLACK, linewidth=1.2,
             linestyle="-" if touched else (0, (1.0, 0.8)), label=words if touched else "without a touch",
         )  # fmt: skip
     for edge, ends in zip(edges[1:], pairwise(z_um), strict=False):
-        axes.plot([edge, edge], ends, color=style.BLACK, linewidth=0.5)
+        axes.plot([edge, edge], ends, color=panels.BLACK, linewidth=0.5)
     low, high = left + 0.18, left + 3.12
     # Each reading continues to the arrows that are measured from it.
     for value_um, begin, end in (
@@ -257,7 +257,7 @@ def _draw_site(axes: Axes, readings: _Readings, left: float, words: str, *, alon
         (z_um[1], left, edges[1]),
         (z_um[1], edges[2], high),
     ):
-        axes.plot([begin, end], [value_um] * 2, color=style.GREY, linewidth=0.5, linestyle=":")
+        axes.plot([begin, end], [value_um] * 2, color=panels.GREY, linewidth=0.5, linestyle=":")
     lengths = {"feed": (low, 0, 1), "depth": (high, 2, 1), "wear": (high, 0, 2)}
     for name, (at, begin, end) in lengths.items():
         if name == "depth" and site.through:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from edmctl.array_types import Array
 from edmctl.record import layout
 from edmctl.record.reader import RecordedState, RunFile, has_sensor
-from edmctl.report import panels, signals, style
+from edmctl.report import panels, signals
 from edmctl.report.panels import Block, legend_above, note_above
 from edmctl.report.removal import KnownDepth, hole_starts_s, known_depths
 
@@ -45,7 +45,7 @@ def draw_gap(run: RunFile) -> Figure:
     """Draw mean gap voltage with the servo's reference, and displacement. Raises NothingToDraw without any work."""
     rows = signals.rows_worked(run)
     if rows[1] - rows[0] < 2:
-        raise style.NothingToDraw(_TOO_EARLY)
+        raise panels.NothingToDraw(_TOO_EARLY)
 
     def of_gap(columns: signals.Columns) -> dict[str, signals.Floats]:
         sparking = np.isin(columns["state"], SPARKING)
@@ -66,13 +66,13 @@ def draw_gap(run: RunFile) -> Figure:
             run, SERVO, [place, "state"], lambda columns: of_tool(columns, place), rows
         )
     time_s = lines["gap"].time_s
-    unit_s, label = style.time_unit(float(time_s[-1] - time_s[0]))
+    unit_s, label = panels.time_unit(float(time_s[-1] - time_s[0]))
     block = Block(label, {"mean gap voltage (V)": 1.0, "tool displacement (µm)": 1.25})
     figure, (upper, lower) = panels.panels(block)
     for axes in (upper, lower):
         for begin_s, end_s in _touching_s(run, rows):
             label = "touching" if axes is upper else "_"
-            axes.axvspan(begin_s / unit_s, end_s / unit_s, color=style.LIGHT, linewidth=0.0, label=label)
+            axes.axvspan(begin_s / unit_s, end_s / unit_s, color=panels.LIGHT, linewidth=0.0, label=label)
     _draw_voltage(upper, lines["gap"], _reference_v(run, lines["open"]), unit_s)
     _draw_tool(lower, lines["tool"], lines["all"], unit_s, "sensor" if place == "z_sensor" else "estimated")
     panels.mark_readings(lower, run.table("/entry/touches"), place, unit_s)
@@ -95,16 +95,16 @@ def _touching_s(run: RunFile, rows: tuple[int, int]) -> list[tuple[float, float]
 
 def _draw_voltage(axes: Axes, gap: signals.Envelope, reference_v: Array, unit_s: float) -> None:
     if gap.is_empty:
-        axes.text(0.5, 0.5, "no sparks in this run", transform=axes.transAxes, ha="center", color=style.GREY)
+        axes.text(0.5, 0.5, "no sparks in this run", transform=axes.transAxes, ha="center", color=panels.GREY)
         return
     time = gap.time_s / unit_s
     if not gap.sampled:
-        axes.fill_between(time, gap.low, gap.high, color=style.SKY, alpha=0.55, linewidth=0.0, label="range")
+        axes.fill_between(time, gap.low, gap.high, color=panels.SKY, alpha=0.55, linewidth=0.0, label="range")
     axes.plot(
-        time, gap.mean, color=style.BLUE, linewidth=0.7, label="mean" if not gap.sampled else "gap voltage"
+        time, gap.mean, color=panels.BLUE, linewidth=0.7, label="mean" if not gap.sampled else "gap voltage"
     )
     if np.isfinite(reference_v).any():
-        axes.plot(time, reference_v, color=style.BLACK, linestyle=(0, (3, 1.5)), label="reference")
+        axes.plot(time, reference_v, color=panels.BLACK, linestyle=(0, (3, 1.5)), label="reference")
     axes.set_ylim(0.0, 1.06 * float(np.nanmax(gap.high)))
 
 
@@ -133,8 +133,8 @@ def _draw_tool(
         top_um = np.where(np.isnan(tool.mean), everything.high, tool.mean)[jumps]
         axes.vlines(time[jumps], everything.low[jumps], top_um, color=PALE, linewidth=0.5, label="jump")
     if not tool.sampled:
-        axes.fill_between(time, tool.low, tool.high, color=style.BLUE, linewidth=0.0)
-    axes.plot(time, tool.mean, color=style.BLUE, linewidth=0.9, label=name)
+        axes.fill_between(time, tool.low, tool.high, color=panels.BLUE, linewidth=0.0)
+    axes.plot(time, tool.mean, color=panels.BLUE, linewidth=0.9, label=name)
 
 
 def draw_displacement(run: RunFile) -> Figure:
@@ -143,13 +143,13 @@ def draw_displacement(run: RunFile) -> Figure:
         run, SERVO, ["z_sensor", "z_model", "s", "state"], _compared, signals.rows_worked(run)
     )
     if not lines:
-        raise style.NothingToDraw(_TOO_EARLY)
+        raise panels.NothingToDraw(_TOO_EARLY)
     sensor, model = lines["sensor"], lines["model"]
     if lines["error"].is_empty:
         missing = "sensor to compare the estimate with" if sensor.is_empty else "estimated from the voltage"
         hint = "" if sensor.is_empty else "; a conditioned or calibrated actuator has one"
-        raise style.NothingToDraw(f"The run has no displacement {missing}{hint}.")
-    unit_s, label = style.time_unit(float(sensor.time_s[-1] - sensor.time_s[0]))
+        raise panels.NothingToDraw(f"The run has no displacement {missing}{hint}.")
+    unit_s, label = panels.time_unit(float(sensor.time_s[-1] - sensor.time_s[0]))
     results = run.table("/entry/results")
     known = results[np.isfinite(results["err_feed_max"])]
     feed_um = float(known["feed"][0]) if len(known) == 1 else 0.0
@@ -158,8 +158,8 @@ def draw_displacement(run: RunFile) -> Figure:
         right_mm=PERCENT_MM if feed_um > 0.0 else panels.RIGHT_MM,
     )
     time = sensor.time_s / unit_s
-    upper.plot(time, sensor.mean, color=style.GREY, linewidth=2.2, label="sensor")
-    upper.plot(time, model.mean, color=style.BLUE, linestyle=style.DASHED, label="estimated from voltage")
+    upper.plot(time, sensor.mean, color=panels.GREY, linewidth=2.2, label="sensor")
+    upper.plot(time, model.mean, color=panels.BLUE, linestyle=panels.DASHED, label="estimated from voltage")
     _draw_error(lower, time, lines["error"], lines["steady error"])
     if len(known):
         _write_errors(lower, known)
@@ -191,14 +191,14 @@ def _compared(columns: signals.Columns) -> dict[str, signals.Floats]:
 
 
 def _draw_error(axes: Axes, time: Array, everything: signals.Envelope, steady: signals.Envelope) -> None:
-    axes.axhline(0.0, color=style.BLACK, linewidth=0.5)
+    axes.axhline(0.0, color=panels.BLACK, linewidth=0.5)
     if everything.sampled:
-        axes.plot(time, everything.mean, color=style.SKY, linewidth=0.6, label="all")
+        axes.plot(time, everything.mean, color=panels.SKY, linewidth=0.6, label="all")
     else:
         low_um, high_um = everything.low, everything.high
-        axes.fill_between(time, low_um, high_um, color=style.SKY, alpha=0.7, linewidth=0.0, label="range")
+        axes.fill_between(time, low_um, high_um, color=panels.SKY, alpha=0.7, linewidth=0.0, label="range")
     if not steady.is_empty:
-        axes.plot(time, steady.mean, color=style.VERMILION, label="machining, mean")
+        axes.plot(time, steady.mean, color=panels.VERMILION, label="machining, mean")
     axes.locator_params(axis="y", nbins=6)
 
 
@@ -219,14 +219,14 @@ def draw_erosion(run: RunFile) -> Figure:
     columns = ("time", "est_depth", "est_depth_u95", "est_wear", "est_wear_u95", "feed_um_s")
     rows = signals.floats(run, layout.SLOW.path, columns)
     if not np.isfinite(rows["est_depth"]).any():
-        raise style.NothingToDraw("Nothing was cut: the run ended before its first cut.")
+        raise panels.NothingToDraw("Nothing was cut: the run ended before its first cut.")
     has_feed = bool(np.isfinite(rows["feed_um_s"]).any())
-    per_s, label = style.time_unit(float(rows["time"][-1]))
+    per_s, label = panels.time_unit(float(rows["time"][-1]))
     feed = {f"feed rate, mean\nof {signals.MEAN_S:g} s (µm/s)": 0.8} if has_feed else {}
     figure, axes = panels.panels(Block(label, {"depth and wear (µm)": 1.5, **feed}))
     erosion = axes[0]
-    _draw_estimate(erosion, rows, "depth", per_s, style.BLUE, "-")
-    _draw_estimate(erosion, rows, "wear", per_s, style.VERMILION, style.DASHED)
+    _draw_estimate(erosion, rows, "depth", per_s, panels.BLUE, "-")
+    _draw_estimate(erosion, rows, "wear", per_s, panels.VERMILION, panels.DASHED)
     _draw_known(erosion, known_depths(run, hole_starts_s(run)), per_s, sensor=has_sensor(run))
     _draw_target(erosion, run)
     erosion.set_ylim(bottom=min(0.0, erosion.get_ylim()[0]))
@@ -239,7 +239,7 @@ def draw_erosion(run: RunFile) -> Figure:
 
 
 def _draw_estimate(
-    axes: Axes, rows: dict[str, Array], name: str, per_s: float, colour: str, dash: style.Dash
+    axes: Axes, rows: dict[str, Array], name: str, per_s: float, colour: str, dash: panels.Dash
 ) -> None:
     """Draw an estimate with its 95 % interval, if that is known."""
     value_um, u95_um = rows[f"est_{name}"], rows[f"est_{name}_u95"]
@@ -268,8 +268,8 @@ def _draw_known(axes: Axes, known: Sequence[KnownDepth], per_s: float, *, sensor
     }
     for touched, label in labels.items():
         for name, basis, colour, mark in (
-            ("depth", "touched", style.BLUE, "o"),
-            ("wear", "wear_touched", style.VERMILION, "s"),
+            ("depth", "touched", panels.BLUE, "o"),
+            ("wear", "wear_touched", panels.VERMILION, "s"),
         ):
             values = [
                 (one.time_s / per_s, getattr(one, f"{name}_um"), getattr(one, f"{name}_u95_um"))
@@ -295,13 +295,13 @@ def _draw_target(axes: Axes, run: RunFile) -> None:
     if value_um > FAR * axes.get_ylim()[1]:
         note_above(axes, f"{label}, far above")
     else:
-        axes.axhline(value_um, color=style.GREY, linestyle=(0, (1, 1.5)), label=label)
+        axes.axhline(value_um, color=panels.GREY, linestyle=(0, (1, 1.5)), label=label)
 
 
 def _draw_feed(axes: Axes, rows: dict[str, Array], per_s: float, label: str) -> None:
     """Draw the feed rate; the highest, of a tool closing on its gap, is cut off and written with its time."""
     mean_um_s = signals.running_mean(rows["time"], rows["feed_um_s"])
-    panels.draw_envelope(axes, signals.broken(rows["time"], mean_um_s), per_s, style.BLACK)
+    panels.draw_envelope(axes, signals.broken(rows["time"], mean_um_s), per_s, panels.BLACK)
     highest, usual = (float(np.nanpercentile(mean_um_s, share)) for share in (100.0, USUAL_PERCENT))
     if highest > HEADROOM * usual > 0.0:
         axes.set_ylim(min(0.0, float(np.nanmin(mean_um_s))), HEADROOM * usual)

@@ -13,13 +13,6 @@ from scipy import special
 
 from edmctl.array_types import Array
 from edmctl.report.panels import (
-    draw_points,
-    letter_panels,
-    new_figure,
-    plain_log_ticks,
-    shared_legend,
-)
-from edmctl.report.style import (
     BLACK,
     BLUE,
     COLUMN_MM,
@@ -33,6 +26,11 @@ from edmctl.report.style import (
     SKY,
     VERMILION,
     NothingToDraw,
+    draw_points,
+    letter_panels,
+    new_figure,
+    plain_log_ticks,
+    shared_legend,
 )
 from edmctl.study.design import uncoded
 from edmctl.study.report.contents import factor_label, level_text, target_text
