@@ -275,17 +275,12 @@ class _Draft:
         return self._placed(replace(diagnostic, message=f"{diagnostic.message} (at {at})"))
 
     def warnings(self) -> tuple[Diagnostic, ...]:
-        """Return one warning of each code, with its first settings and the number of others."""
-        by_code: dict[str, dict[int, Diagnostic]] = {}
+        """Return the first warning of each code, with its settings."""
+        by_code: dict[str, Diagnostic] = {}
         for point, job in self.jobs.items():
             for warning in job.loaded.warnings:
-                by_code.setdefault(warning.code, {}).setdefault(
-                    point, self._of_run(warning, self.by_point[point])
-                )
-        return tuple(
-            replace(first, message=f"{first.message}, and {len(others)} more settings") if others else first
-            for first, *others in map(dict.values, by_code.values())
-        )
+                by_code.setdefault(warning.code, self._of_run(warning, self.by_point[point]))
+        return tuple(by_code.values())
 
     def check_responses(self) -> None:
         """Raise ProfileError for a response that a run of the study never has."""

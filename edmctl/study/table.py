@@ -1,4 +1,4 @@
-"""The table of a study, values measured by hand, and what the study waits for."""
+"""The table of a study, values measured by hand, what the study waits for, and its plan and status as text."""
 
 from __future__ import annotations
 
@@ -6,15 +6,27 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from edmctl import failures
+from edmctl.cli.render.terminal import (
+    PLAIN,
+    USUAL_COLUMNS,
+    Ink,
+    Style,
+    labelled,
+    narrowed,
+    not_shown,
+    render_columns,
+    render_table,
+    wrapped,
+)
 from edmctl.csv_text import number_of
 from edmctl.errors import RecordError, UsageError
 from edmctl.record.delimited import read_table
 from edmctl.study.folder import StudyState
 from edmctl.study.responses import LARGEST, RESPONSES, TRUTHS
-from edmctl.study.results import TRUTH, RunState, StudyRun
+from edmctl.study.results import TRUTH, PlannedRun, RunKind, RunState, StudyPlan, StudyRun
 from edmctl.study.study_file import Response
 from edmctl.study.suggestions import counted
-from edmctl.wording import plural
+from edmctl.wording import duration, length, plural, setting_text, significant
 
 Cell = bool | int | float | str | None
 
@@ -191,6 +203,8 @@ def in_words(runs: Sequence[StudyRun]) -> str:
 
 
 MOST_NAMED = 8
+MOST_RUNS_SHOWN = 60
+LABEL_CELLS = 14
 
 
 def what_next(state: StudyState, command: str = "resume") -> list[str]:
@@ -231,3 +245,112 @@ def what_next(state: StudyState, command: str = "resume") -> list[str]:
 def _numbers(numbers: list[int]) -> str:
     shown = ", ".join(map(str, numbers[:MOST_NAMED]))
     return shown + (f" and {len(numbers) - MOST_NAMED} more" if len(numbers) > MOST_NAMED else "")
+
+
+def render_plan(plan: StudyPlan, style: Style = PLAIN) -> str:
+    """Render what will be run: design, factors, model, costs, and every run in its order."""
+    columns = style.columns or USUAL_COLUMNS
+    lines = [style.paint(f"{plan.name}: {plan.kind}", Ink.STRONG)]
+    if plan.description:
+        lines += wrapped(plan.description, columns)
+    dof = ", ".join(f"{name} {count}" for name, count in plan.dof.items())
+    facts = {
+        "runs": _counts(plan),
+        "responses": ", ".join(one.label + (" (by hand)" if one.is_manual else "") for one in plan.responses),
+        "constraints": ", ".join(map(str, plan.constraints)),
+        "objectives": ", ".join(
+            f"{name} (weight {weight:g})" if weight != 1 else name for name, weight in plan.objectives
+        ),
+        "model": f"{plan.model}; degrees of freedom: {dof}",
+        "takes": _costs(plan),
+        "aliases": "; ".join(plan.aliases),
+    }
+    lines += [labelled(name, text, LABEL_CELLS, columns) for name, text in facts.items() if text]
+    factors = [
+        [one.name, one.key, (" to " if one.is_range else ", ").join(map(setting_text, one.values))]
+        for one in plan.factors
+    ]
+    parts = ["\n".join(lines), render_columns(["factor", "key", "values"], factors, style, "<", "values")]
+    shared = "tool" if any(run.tool for run in plan.runs) else "seed"
+    is_shown = shared == "tool" or len({run.seed for run in plan.runs}) > 1
+    head = ["run", "point", *([shared] if is_shown else []), *(factor.name for factor in plan.factors)]
+    rows = []
+    for run in plan.runs[:MOST_RUNS_SHOWN]:
+        row = [str(run.number), _point(run), *([str(getattr(run, shared))] if is_shown else [])]
+        rows.append([*row, *(setting_text(run.settings[factor.key]) for factor in plan.factors)])
+    if len(plan.runs) > MOST_RUNS_SHOWN:
+        rows.append(["…", f"and {len(plan.runs) - MOST_RUNS_SHOWN} more"])
+    parts.append(render_columns(head, rows, style, "<<>"))
+    if plan.notes:
+        parts.append(
+            "\n".join(line for note in plan.notes for line in wrapped(f"note: {note}", columns, "  "))
+        )
+    return "\n\n".join(parts)
+
+
+def _counts(plan: StudyPlan) -> str:
+    parts = [f"{plural(len(plan.runs), 'run')} of {plural(plan.points, 'point')}"]
+    blocks = len({run.block for run in plan.runs})
+    tools = len({run.tool for run in plan.runs} - {0})
+    if plan.replicates > 1:
+        parts.append(f"{plan.replicates} replicates")
+    if blocks > 1 and tools != blocks:
+        parts.append(f"{blocks} blocks")
+    first, last = min(run.seed for run in plan.runs), max(run.seed for run in plan.runs)
+    seeds = f"seed {first}" if first == last else f"seeds {first} to {last}"
+    return ", ".join([*parts, plural(tools, "tool") if tools else seeds])
+
+
+def _costs(plan: StudyPlan) -> str:
+    if plan.costs is None:
+        return ""
+    text = f"{duration(plan.costs.time_s)} of the machine, {duration(plan.costs.machining_time_s)} of it machining"
+    if plan.costs.tool_wear_um:
+        worn = ", ".join(map(length, plan.costs.tool_wear_um))
+        text += f"; tools lose {worn} of {length(plan.costs.most_wear_um)}"
+    if plan.costs.places:
+        text += f"; {len(plan.runs)} of {plural(plan.costs.places, 'place')} of the grid"
+    return text
+
+
+def render_status(state: StudyState, style: Style = PLAIN) -> str:
+    """Render every run with its state and responses, and the next steps."""
+    plan, runs = state.plan, state.runs
+    columns = style.columns or USUAL_COLUMNS
+    some = runs[:MOST_RUNS_SHOWN]
+    table: dict[str, list[str]] = {
+        "run": [str(run.planned.number) for run in some],
+        "state": [
+            f"{run.state}, attempt {run.row.attempt}" if run.row and run.row.attempt > 1 else str(run.state)
+            for run in some
+        ],
+        "point": [_point(run.planned) for run in some],
+    }
+    for factor in plan.factors:
+        table[factor.name] = [setting_text(run.planned.settings[factor.key]) for run in some]
+    if any(run.row is not None or run.told for run in runs):
+        for response in plan.responses:
+            table[response.label] = [_value_text(run, response.name) for run in some]
+    fitted = narrowed(table, style.columns, [*(f.name for f in reversed(plan.factors)), "point"])
+    lines = [
+        *wrapped(f"{plan.name}: {in_words(runs)}.", columns),
+        "",
+        render_table(fitted, style, left=("state",)),
+    ]
+    if len(runs) > len(some):
+        lines.append(f"… and {len(runs) - len(some)} more runs: `edmctl study export` has all of them")
+    failed = [run for run in runs if run.state is RunState.FAILED and run.row is not None]
+    errors = [f"run {run.planned.number}: {run.row.error}" for run in failed[:10] if run.row is not None]
+    notes = [note for note in (not_shown(table, fitted), *what_next(state), *errors) if note]
+    return "\n".join([*lines, "", *(line for note in notes for line in wrapped(note, columns, "  "))])
+
+
+def _point(run: PlannedRun) -> str:
+    return str(run.point) if run.kind is RunKind.DESIGN else f"{run.point} {run.kind}"
+
+
+def _value_text(run: StudyRun, name: str) -> str:
+    value, u95 = run.value(name), run.u95(name)
+    if value is None:
+        return "–"
+    return significant(value, 4) + (f" ± {significant(u95, 2)}" if u95 else "")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.profile.folders import shipped_studies
-from edmctl.study.commands.execute import _suggestion
+from edmctl.study.commands import _suggestion
 from edmctl.study.folder import open_folder
 from edmctl.study.results import RunKind
 from edmctl.study.suggestions import suggested_runs

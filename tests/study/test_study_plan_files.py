@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from edmctl.csv_text import table_text
 from edmctl.errors import EdmError, PreconditionError
 from edmctl.study.analysis import analysis_of
-from edmctl.study.commands import render_plan, render_status
 from edmctl.study.folder import open_folder
 from edmctl.study.report import StudyReport, mapping_of, render_report
 from edmctl.study.suggestions import (
@@ -25,7 +24,7 @@ from edmctl.study.suggestions import (
     recommended,
     suggestions,
 )
-from edmctl.study.table import in_words, table_of, what_next
+from edmctl.study.table import render_plan, render_status, table_of
 from tests.study.studies import FULL, SMALL, made
 from tests.study.test_study_tables import add, make
 from tests.tiers import tiers
@@ -67,7 +66,7 @@ def used(path: Path) -> None:
     folder = open_folder(path)
     state = folder.read()
     render_plan(folder.plan)
-    render_status(folder.plan, state.runs, in_words(state.runs), what_next(state))
+    render_status(state)
     table_text(table_of(state))
     json.dumps(table_of(state), allow_nan=False)
     analysis = analysis_of(state)

@@ -1,5 +1,6 @@
-"""`edmctl study run`, `resume`, `suggest`, `extend`, `optimize` and `confirm`: all that makes or adds runs."""
+"""`edmctl study`: designed experiments."""
 
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
@@ -8,13 +9,23 @@ import typer
 
 from edmctl import failures
 from edmctl.cli import completion
-from edmctl.cli.options import PROGRESS, NewToolOption, PortOption, WaitOption, argument, command, option
-from edmctl.cli.outcome import Outcome, stream_style, tell, watching
-from edmctl.cli.render.terminal import USUAL_COLUMNS, wrapped
+from edmctl.cli.options import (
+    NOTES,
+    PROGRESS,
+    NewToolOption,
+    PortOption,
+    WaitOption,
+    argument,
+    command,
+    command_group,
+    option,
+)
+from edmctl.cli.outcome import Outcome, stdout_sink, stream_style, tell, watching
+from edmctl.cli.render.terminal import USUAL_COLUMNS, render_columns, wrapped
 from edmctl.cli.signals import ignore_signals, shell
-from edmctl.dataclasses import dataclass, replace
-from edmctl.profile.folders import find_profile, find_study
-from edmctl.study.results import PlannedRun, RunKind, RunState, StudyRun
+from edmctl.dataclasses import asdict, dataclass, replace
+from edmctl.profile.folders import find_profile, find_study, shipped_studies
+from edmctl.study.results import Judgement, PlannedRun, RunKind, RunState, StudyRun
 from edmctl.wording import duration, plural, settings_words, shortened
 
 if TYPE_CHECKING:
@@ -22,6 +33,18 @@ if TYPE_CHECKING:
     from edmctl.jobs.plan import MachineAddress, Plan
     from edmctl.study.folder import StudyFolder, StudyState
     from edmctl.study.study_file import StudySource
+
+app = command_group(
+    "Plan, run and analyse designed experiments.\n\n"
+    "A study file names factors, a design and responses. A folder contains the plan and a row of each run."
+)
+
+
+def _run_number(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise typer.BadParameter(f"{text!r} is no number of a run, such as 3")
+    return int(text)
+
 
 StudyArgument: TypeAlias = Annotated[
     str,
@@ -32,14 +55,6 @@ StudyArgument: TypeAlias = Annotated[
 FolderArgument: TypeAlias = Annotated[
     Path, argument("DIR", "The folder of a study, as `edmctl study run` made it.")
 ]
-
-
-def _run_number(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and int(text) > 0):
-        raise typer.BadParameter(f"{text!r} is no number of a run, such as 3")
-    return int(text)
-
-
 RunNumberArgument: TypeAlias = Annotated[int, argument("RUN", "Number of a run.", parser=_run_number)]
 WorkersOption: TypeAlias = Annotated[
     int | None,
@@ -52,10 +67,21 @@ HomedOption: TypeAlias = Annotated[
     bool, option("--homed", "Confirm that the stages are where the restarted controller counts them.")
 ]
 YesOption: TypeAlias = Annotated[bool, option("--yes", "Approve every run that the study wants approved.")]
-OutOption = Annotated[Path, option("--out DIR", "New folder of the study.")]
+StudyOutOption = Annotated[Path, option("--out DIR", "New folder of the study.")]
 CountOption = Annotated[int, option("--count -n N", "How many suggestions.", min=1, max=64)]
 AddOption = Annotated[bool, option("--add", "Add them to the study's runs, to be made by `resume`.")]
 ConfirmRunsOption = Annotated[int, option("--runs -n N", "How many confirmation runs.", min=1, max=1000)]
+PageOption = Annotated[
+    Path | None, option("--out -o PAGE", "HTML page with all tables and figures. Default: none.")
+]
+TableOption = Annotated[Path | None, option("--out -o TABLE.csv", "CSV file. Default: stdout.")]
+OverwriteOption = Annotated[bool, option("--overwrite", "Replace files of the same name.")]
+ValuesArgument = Annotated[
+    list[str], argument("NAME=VALUE...", "Manual responses of the run, e.g. ra_um=0.31.")
+]
+TableArgument = Annotated[Path, argument("TABLE.csv", "A column run, and one for each manual response.")]
+JudgementArgument = Annotated[Judgement, argument("accept|reject|repeat", "Which it is.")]
+ReasonArgument = Annotated[str, argument("REASON", "Kept with the run.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +117,22 @@ class Making:
         return machine
 
 
+@app.command("list")
+@command("study list")
+def list_studies(outcome: Outcome) -> None:
+    """List the shipped studies."""
+    from edmctl.study.study_file import read_study
+
+    studies = []
+    for name, path in shipped_studies().items():
+        file = read_study(path).file
+        texts = {"name": file.study.name, "description": file.study.description}
+        studies.append({"study": name, **texts, "design": file.design.kind})
+    outcome.result = {"studies": studies}
+    rows = [[one["study"], one["design"], one["description"] or one["name"]] for one in studies]
+    outcome.show(lambda style: render_columns(["study", "design", "question"], rows, style, "<"))
+
+
 def study_source(outcome: Outcome, file: str) -> "StudySource":
     """Read a study file, and report which one and which profile it uses. Raises UsageError E2001, E2100."""
     from edmctl.study.planning import base_request
@@ -110,8 +152,26 @@ def opened(folder: Path) -> "StudyFolder":
     return open_folder(folder)
 
 
+@app.command("plan")
+@command("study plan", NOTES)
+def plan(outcome: Outcome, file: StudyArgument) -> None:
+    """Check a study and show its runs, their costs, and the effects that they can show.
+
+    Every run is checked as a job is; nothing moves and nothing is written.
+    """
+    from edmctl.study.planning import plan_study
+    from edmctl.study.table import render_plan
+
+    planned = plan_study(study_source(outcome, file), shell())
+    outcome.warn(planned.warnings)
+    outcome.result = asdict(planned.plan)
+    outcome.show(lambda style: render_plan(planned.plan, style))
+    outcome.text = f"\nRun it: `edmctl study run {shlex.quote(file)} --out DIR`"
+
+
+@app.command("run")
 @command("study run", PROGRESS)
-def run(outcome: Outcome, file: StudyArgument, making: Making, out: OutOption) -> None:
+def run(outcome: Outcome, file: StudyArgument, making: Making, out: StudyOutOption) -> None:
     """Plan a study into a new folder, and make its runs.
 
     Each run has a virtual machine of its own, and runs are made in parallel. On a persistent machine (--port) they
@@ -129,6 +189,7 @@ def run(outcome: Outcome, file: StudyArgument, making: Making, out: OutOption) -
     _make(outcome, create_folder(out, planned), making)
 
 
+@app.command("resume")
 @command("study resume", PROGRESS)
 def resume(outcome: Outcome, folder: FolderArgument, making: Making) -> None:
     """Continue a study: make its open runs, resume a hole that was interrupted."""
@@ -237,6 +298,132 @@ def _raise_failed(study: "StudyFolder", kind: RunKind | None = None) -> None:
         )
 
 
+@app.command("status")
+@command("study status")
+def status(outcome: Outcome, folder: FolderArgument) -> None:
+    """Show every run of a study with its responses, and what the study waits for."""
+    from edmctl.study.folder import version_warning
+    from edmctl.study.table import counts_of, missing_manual, render_status, table_of
+
+    study = opened(folder)
+    outcome.warn(version_warning(study))
+    state = study.read()
+    outcome.result = {
+        "study": study.plan.name,
+        "runs": len(state.runs),
+        "counts": counts_of(state.runs),
+        "missing": [{"run": number, "responses": list(names)} for number, names in missing_manual(state)],
+        "torn_lines": state.rows.torn,
+        "table": table_of(state),
+    }
+    outcome.show(lambda style: render_status(state, style))
+
+
+@app.command("tell")
+@command("study tell")
+def tell_values(
+    outcome: Outcome, folder: FolderArgument, run: RunNumberArgument, values: ValuesArgument
+) -> None:
+    """Report responses that were measured by hand, such as a roughness from a profilometer.
+
+    A later value replaces an earlier one, and `NAME=none` withdraws it; all of them stay in the rows.
+    """
+    from edmctl.study.table import made_run, reported_values
+
+    study = opened(folder)
+    state = study.read()
+    target, reported = made_run(state, run), reported_values(state, values)
+    with study.writer() as writer:
+        writer.told(target, reported)
+    outcome.result = {"run": run, "told": reported}
+    texts = (f"{name} {'is withdrawn' if v is None else f'= {v:g}'}" for name, v in reported.items())
+    outcome.text = f"Run {run}: {', '.join(texts)}"
+
+
+@app.command("import")
+@command("study import")
+def import_table(outcome: Outcome, folder: FolderArgument, table: TableArgument) -> None:
+    """Report the manual responses of many runs by a CSV table: all of it or, if a line is wrong, nothing.
+
+    Empty cells are skipped, and `none` withdraws a reported value.
+    """
+    from edmctl.study.table import reported_table
+
+    study = opened(folder)
+    state = study.read()
+    reported = reported_table(state, table)
+    with study.writer() as writer:
+        for number, values in reported.items():
+            writer.told(state.run(number), values)
+    outcome.result = {"runs": len(reported), "told": {str(number): one for number, one in reported.items()}}
+    outcome.text = f"Reported responses of {plural(len(reported), 'run')}."
+    if withdrawn := [str(number) for number, values in reported.items() if None in values.values()]:
+        outcome.text += f" Withdrawn: of {plural(len(withdrawn), 'run')}, {', '.join(withdrawn)}."
+
+
+@app.command("judge")
+@command("study judge")
+def judge(
+    outcome: Outcome,
+    folder: FolderArgument,
+    run: RunNumberArgument,
+    judgement: JudgementArgument,
+    reason: ReasonArgument,
+) -> None:
+    """Judge a run: accept one that failed, reject one that shall not count, or have it repeated.
+
+    Nothing is deleted: the row stays, with the judgement and its reason.
+    """
+    from edmctl.study.on_machine import is_begun, next_order
+    from edmctl.study.running import lost_row
+
+    study = opened(folder)
+    if not reason.strip():
+        raise failures.judgement_without_reason()
+    target = study.read().run(run)
+    if target.row is None and judgement is Judgement.REPEAT and is_begun(study, target):
+        with study.claimed(), study.writer() as writer:  # no other command is making it
+            # The hole stays where it is, and the next attempt takes another place.
+            lost = lost_row(target.planned, target.attempts + 1, f"E1300: abandoned: {reason}", 130)
+            writer.run(replace(lost, order=next_order(study.read())))
+        target = study.read().run(run)
+    if target.row is None and judgement is not Judgement.REJECT:
+        raise failures.judged_run_not_made(run=run, study=study.read().making_command())
+    with study.writer() as writer:
+        writer.judged(target, judgement, reason)
+    outcome.result = {"run": run, "attempt": target.attempts, "judgement": str(judgement), "reason": reason}
+    state = study.read()
+    again = "as another hole at the next free place" if state.rows.port else "with the same result"
+    effect = {
+        Judgement.ACCEPT: "its responses count",
+        Judgement.REJECT: "it does not count; the row stays",
+        Judgement.REPEAT: f"`{state.making_command()}` makes it again, {again}",
+    }
+    outcome.text = f"Run {run}: {judgement} ({reason}); {effect[judgement]}."
+
+
+@app.command("report")
+@command("study report")
+def report(
+    outcome: Outcome, folder: FolderArgument, out: PageOption = None, overwrite: OverwriteOption = False
+) -> None:
+    """Show which factors matter, by analysis of variance, models and the Pareto front; --out writes a page."""
+    from edmctl.jobs import output_files
+    from edmctl.study.report import mapping_of, render_report, report_of
+    from edmctl.study.report.page import render_study_page
+
+    found = report_of(opened(folder).read(), shell())
+    outcome.result = mapping_of(found)
+    outcome.show(lambda style: render_report(found, style))
+    if out is not None:
+        content = render_study_page(found, source=str(folder)).encode()
+        output_files.make_folder(out.parent)
+        hint = "Choose another name, or replace it with --overwrite."
+        output_files.write(out, content, hint, overwrite=overwrite)
+        outcome.text = f"\nPage {out}"
+
+
+@app.command("suggest")
 @command("study suggest", PROGRESS)
 def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, add: AddOption = False) -> None:
     """Suggest the runs that the models expect most of; --add puts them into the study."""
@@ -253,6 +440,7 @@ def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, ad
     outcome.text = "\n".join([*(_suggestion(run, state) for run in suggested), after])
 
 
+@app.command("extend")
 @command("study extend")
 def extend(outcome: Outcome, folder: FolderArgument) -> None:
     """Add one more replicate of the design, in a block of its own; `resume` makes the runs."""
@@ -274,6 +462,7 @@ def _suggestion(run: PlannedRun, state: "StudyState", which: str = "") -> str:
     return f"run {run.number}{which}: {settings_words(run.settings)}"
 
 
+@app.command("optimize")
 @command("study optimize", PROGRESS)
 def optimize(outcome: Outcome, folder: FolderArgument, making: Making) -> None:
     """Make runs where the models expect most, one after the other, up to the number in [optimize]; recommend one.
@@ -310,6 +499,7 @@ def optimize(outcome: Outcome, folder: FolderArgument, making: Making) -> None:
     _raise_failed(study)
 
 
+@app.command("confirm")
 @command("study confirm", PROGRESS)
 def confirm(outcome: Outcome, folder: FolderArgument, making: Making, runs: ConfirmRunsOption = 3) -> None:
     """Run the recommended settings anew, on machines no model has seen, and check the expectation."""
@@ -346,3 +536,29 @@ def confirm(outcome: Outcome, folder: FolderArgument, making: Making, runs: Conf
             broken=", ".join(broken), command=study.command("suggest", "--add")
         )
     _raise_failed(study, RunKind.CONFIRMATION)
+
+
+@app.command("export")
+@command("study export")
+def export(
+    outcome: Outcome, folder: FolderArgument, out: TableOption = None, overwrite: OverwriteOption = False
+) -> None:
+    """Write the table of runs as CSV: a column a factor key and response."""
+    from edmctl.csv_text import table_text
+    from edmctl.jobs import output_files
+    from edmctl.jobs.runs.outputs import REPLACE_TABLE_HINT
+    from edmctl.study.table import table_of
+
+    state = opened(folder).read()
+    content = table_text(table_of(state)).encode()
+    if out is None:
+        if outcome.output.json:
+            raise failures.stdout_taken_by_json()
+        with stdout_sink() as sink:
+            sink.write(content)
+        return
+    if out.suffix.lower() != ".csv":
+        raise failures.study_table_not_csv(out=out.name)
+    output_files.write(out, content, REPLACE_TABLE_HINT, overwrite=overwrite)
+    outcome.result = {"file": str(out), "rows": len(state.runs), "bytes": len(content)}
+    outcome.text = f"{out}: {plural(len(state.runs), 'row')}"
