@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from edmctl import failures
-from edmctl.dataclasses import dataclass
+from edmctl.dataclasses import dataclass, replace
 from edmctl.quantity import half_width
 from edmctl.study.design import (
     AS_LEVELS,
@@ -259,43 +259,38 @@ def _choices(
     points: dict[int, list[StudyRun]] = {}
     for run in runs:
         points.setdefault(run.planned.point, []).append(run)
-    ranked = [info for name in ranked_by(plan) if (info := plan.response(name)) is not None]
-    means, limits, costs = [], [], []
-    for members in points.values():
-        of_point = {
-            one.name: _mean(
-                [one.without_block(plain_number(run.value(one.name)), run.block) for run in members]
+    choices = []
+    for point, members in points.items():
+        settings = members[0].planned.settings
+        means = {}
+        for one in analyses:
+            values = [one.without_block(plain_number(run.value(one.name)), run.block) for run in members]
+            means[one.name] = _mean(values)
+        limits = limits_of(plan, members, means, analyses)
+        choices.append(
+            Choice(
+                point=point,
+                settings=settings,
+                runs=len(members),
+                means={name: _or_none(value) for name, value in means.items()},
+                upper={str(limit.constraint): limit.upper for limit in limits},
+                is_feasible=all(limit.is_shown for limit in limits) and settings_key(settings) not in broken,
             )
-            for one in analyses
-        }
-        means.append(of_point)
-        limits.append(limits_of(plan, members, of_point, analyses))
-        costs.append([cost_of(info, of_point[info.name]) for info in ranked])
-    feasible = [
-        all(limit.is_shown for limit in of) and settings_key(members[0].planned.settings) not in broken
-        for of, members in zip(limits, points.values(), strict=True)
-    ]
-    table = np.array(costs, float)
-    front = pareto_front(np.where(np.array(feasible)[:, None], table, np.nan))
+        )
+    ranked = [info for name in ranked_by(plan) if (info := plan.response(name)) is not None]
+    table = np.array(
+        [[cost_of(info, plain_number(one.means[info.name])) for info in ranked] for one in choices], float
+    )
+    front = pareto_front(np.where([[one.is_feasible] for one in choices], table, np.nan))
     is_whole = np.isfinite(table).all(axis=1)
     grades = np.full(len(table), np.nan)
     if is_whole.sum() > 1:
         weights = dict(plan.objectives)
-        grades[is_whole] = grey_relational_grade(
-            table[is_whole], [weights.get(info.name, 1.0) for info in ranked]
-        )
+        shares = [weights.get(info.name, 1.0) for info in ranked]
+        grades[is_whole] = grey_relational_grade(table[is_whole], shares)
     return tuple(
-        Choice(
-            point=point,
-            settings=members[0].planned.settings,
-            runs=len(members),
-            means={name: _or_none(value) for name, value in means[n].items()},
-            upper={str(limit.constraint): limit.upper for limit in limits[n]},
-            is_feasible=feasible[n],
-            is_pareto=bool(front[n]),
-            grey_grade=_or_none(float(grades[n])),
-        )
-        for n, (point, members) in enumerate(points.items())
+        replace(one, is_pareto=bool(is_front), grey_grade=_or_none(float(grade)))
+        for one, is_front, grade in zip(choices, front, grades, strict=True)
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping
+from statistics import fmean
 from typing import Any
 
 from edmctl.dataclasses import dataclass
@@ -102,7 +103,7 @@ def responses_of(result: Mapping[str, JsonValue], target_um: float | None) -> di
     if not made:
         return {"responses": _plain(values)}
     for name in ("depth_um", "wear_um", "feed_um", "working_gap_um", *_RATIOS):
-        values[name] = _mean(_number(one, name) for one in made)
+        values[name] = fmean(_number(one, name) for one in made)
     for kind in ("open", "normal", "arc", "short"):
         shares = ((_number(one.get("ratios"), kind), _number(one, "pulses")) for one in made)
         values[f"{kind}_share"] = _weighted(shares)
@@ -126,7 +127,7 @@ def _uncertainties(
 ) -> dict[str, float]:
     """Return uncertainties that follow from the uncertainty (`u` or `u95`) of depth and wear in the result."""
     depth_um, wear_um = values["depth_um"], values["wear_um"]
-    depth, wear = (_mean(_number(one, f"{name}_{mark}_um") for one in made) for name in ("depth", "wear"))
+    depth, wear = (fmean(_number(one, f"{name}_{mark}_um") for one in made) for name in ("depth", "wear"))
     found = {"depth_um": depth, "wear_um": wear}
     if "depth_error_um" in values:
         found["depth_error_um"] = depth
@@ -145,7 +146,7 @@ def truth_of(result: Mapping[str, JsonValue]) -> dict[str, float | None]:
     truths = [truth for one in _made(result) if isinstance(truth := one.get("truth"), dict)]
     if not truths:
         return {}
-    values = {name: _mean(_number(one, name) for one in truths) for name in TRUTHS}
+    values = {name: fmean(_number(one, name) for one in truths) for name in TRUTHS}
     if values["depth_um"] > 0:
         values["wear_ratio_lin"] = values["wear_um"] / values["depth_um"]
     return _plain(values)
@@ -164,11 +165,6 @@ def _made(result: Mapping[str, JsonValue]) -> list[dict[str, JsonValue]]:
 def _number(table: JsonValue | Mapping[str, JsonValue], name: str) -> float:
     value = table.get(name) if isinstance(table, dict) else None
     return float(value) if isinstance(value, int | float) else math.nan
-
-
-def _mean(values: Iterable[float]) -> float:
-    found = [float(value) for value in values]
-    return math.fsum(found) / len(found) if found else math.nan
 
 
 def _weighted(shares: Iterable[tuple[float, float]]) -> float:

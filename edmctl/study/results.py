@@ -279,8 +279,8 @@ class Choice:
     means: Mapping[str, float | None]
     upper: Mapping[str, float | None]
     is_feasible: bool
-    is_pareto: bool
-    grey_grade: float | None
+    is_pareto: bool = False
+    grey_grade: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

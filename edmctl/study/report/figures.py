@@ -51,8 +51,6 @@ AXIS_MM = 14.0
 MOST_COLUMNS, MOST_INTERACTIONS = 4, 6
 MOST_LETTERS = 20
 """Of a level below a panel or in a legend."""
-MOST_BLOCKS = 8
-"""Blocks that are named above a panel."""
 LEVEL_COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY)
 LEVEL_MARKS = "os^Dv<>P"
 GRID = 41
@@ -247,7 +245,7 @@ def draw_order(info: ResponseInfo, one: ResponseAnalysis, runs: Sequence[StudyRu
     panels = figure.subplots(1 + has_residuals, 1, sharex=True, squeeze=False).ravel()
     plain_ticks(*panels)
     for axes in panels:
-        _shade_blocks(axes, shown, is_named=axes is panels[0])
+        _shade_blocks(axes, shown)
     if has_residuals:
         residuals = np.array(one.residuals)[order]
         panels[1].axhline(0.0, color=GREY, linewidth=0.6)
@@ -275,22 +273,12 @@ def draw_order(info: ResponseInfo, one: ResponseAnalysis, runs: Sequence[StudyRu
     return figure
 
 
-def _shade_blocks(axes: Axes, runs: Sequence[StudyRun], *, is_named: bool) -> None:
-    """Shade every second series of runs of one block, and name the series where there is room."""
-    series = [
-        (block, [run.planned.number for run in members])
-        for block, members in itertools.groupby(runs, lambda run: run.planned.block)
-    ]
-    for n, (block, numbers) in enumerate(series):
-        low, high = numbers[0] - 0.5, numbers[-1] + 0.5
+def _shade_blocks(axes: Axes, runs: Sequence[StudyRun]) -> None:
+    """Shade every second series of runs of one block."""
+    for n, (_, members) in enumerate(itertools.groupby(runs, lambda run: run.planned.block)):
+        numbers = [run.planned.number for run in members]
         if n % 2:
-            axes.axvspan(low, high, color=LIGHT, alpha=0.6, zorder=0, linewidth=0)
-        if is_named and 2 <= len(series) <= MOST_BLOCKS:
-            axes.annotate(
-                f"block {block}" if len(series) <= 4 else str(block), ((low + high) / 2, 1.0),
-                xycoords=("data", "axes fraction"), xytext=(0, 2), textcoords="offset points",
-                ha="center", va="bottom", fontsize=6.5, color=FAINT,
-            )  # fmt: skip
+            axes.axvspan(numbers[0] - 0.5, numbers[-1] + 0.5, color=LIGHT, alpha=0.6, zorder=0, linewidth=0)
 
 
 def draw_front(plan: StudyPlan, choices: Sequence[Choice]) -> Figure:
