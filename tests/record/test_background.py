@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
-import subprocess
-import sys
 import threading
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import h5py
@@ -25,10 +21,10 @@ from tests.record.samples import a_site_row, a_touch, fill, servo_block, slow_ro
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from edmctl.record.rows import Row, RunMeta
 
-ROOT = Path(__file__).parents[2]
 LONG_S = 30.0
 """Of a wait that ends with an event long before, unless something is broken."""
 
@@ -257,40 +253,3 @@ def test_an_abandoned_run_has_its_rows_as_they_were_handed_over_and_its_status(
     with pytest.raises(RunFileError, match="exists already"):
         BackgroundWriter.create(path, meta)
     assert of_this_file() == []
-
-
-HANGING_JOB = """
-import os, sys, threading
-from edmctl.app import main
-from edmctl.record import writer as writing
-writing.SYNC_INTERVAL_S = 0.0
-writing.BACKLOG_BYTES = 20_000
-writing.GIVE_UP_S = 0.05
-create = writing.BackgroundWriter.create
-writing.BackgroundWriter.create = lambda path, meta, waits: create(path, meta)
-os.fsync = lambda descriptor: threading.Event().wait()
-code = main(sys.argv[1:])
-sys.stdout.flush()
-os._exit(code)
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("real_run")  # its job builds the controller, which asks the disk to keep it
-def test_a_disk_that_hangs_ends_the_job_safely(tmp_path: Path) -> None:
-    arguments = ["machine", "--profile", "cu270", "--seed", "1", "--run-id", "r", "--json", "--out", "runs"]
-    done = subprocess.run(
-        [sys.executable, "-c", HANGING_JOB, *arguments],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT), "EDMCTL_HOME": str(tmp_path / "home")},
-        capture_output=True,
-        encoding="utf-8",
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 9, done.stderr
-    assert "Traceback" not in done.stderr
-    document = json.loads(done.stdout)
-    assert document["error"]["code"] == "E9009"
-    assert document["run_file"] == "runs/r.h5.partial"
-    assert document["result"]["time_s"] > 0.0

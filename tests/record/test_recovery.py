@@ -63,7 +63,11 @@ def flipped(path: Path, bit: int, new: Path) -> Path:
 
 
 def test_a_killed_run_becomes_a_complete_file_with_every_row(killed: Path) -> None:
-    before = killed.read_bytes()
+    before, taken = killed.read_bytes(), killed.with_suffix("")
+    taken.write_text("mine")
+    assert code_of(lambda: recover(killed)) == "E9001"
+    assert taken.read_text() == "mine"
+    taken.unlink()
     made = recover(killed)
     assert (made.path, made.lost_rows, made.unread_rows) == (killed.with_suffix(""), {}, {})
     assert killed.read_bytes() == before
@@ -122,15 +126,6 @@ def test_a_writer_killed_at_any_instant_loses_no_flushed_row(tmp_path: Path, see
             np.testing.assert_array_equal(run.column("/entry/servo", "time"), 0.01 * k)
             current_a = run.column("/entry/servo", "current")
             np.testing.assert_array_equal(current_a[:flushed], (k[:flushed] + 0.6).astype(np.float32))
-
-
-def test_a_file_that_is_there_is_not_overwritten(killed: Path) -> None:
-    taken = killed.with_suffix("")
-    taken.write_text("mine")
-    with pytest.raises(RunFileError, match="exists already") as refusal:
-        recover(killed)
-    assert refusal.value.code == "E9001"
-    assert taken.read_text() == "mine"
 
 
 def test_a_run_that_died_while_it_was_closed_keeps_its_status(killed: Path) -> None:

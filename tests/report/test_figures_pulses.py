@@ -111,15 +111,9 @@ def test_pulses_between_the_cuts_have_no_part_in_the_delays(tmp_path: Path) -> N
     ("kinds", "delay_us", "arc_v", "edges_s", "sums_uj"),
     [
         # 20 V × 0.1 A × 100, 50 and 150 µs; the open pulse and the short have none.
-        (
-            [0, 1, 1, 2, 3],
-            [150.0, 50.0, 100.0, 0.0, 0.0],
-            20.0,
-            [0.0, 10.0, 10.001, 11.0],
-            [0.0, 200.0, 400.0],
-        ),
+        ([0, 1, 1, 2, 3], [150, 50, 100, 0, 0], 20.0, [0.0, 10.0, 10.001, 11.0], [0.0, 200.0, 400.0]),
         # (40 V − 20 V) / 0.1 A is 200 Ω, so an arc at 15 V has 0.125 A all through 150 µs.
-        ([1, 2], [50.0, 0.0], 15.0, [10.0, 10.0004, 11.0], [200.0, 15.0 * 0.125 * 150.0]),
+        ([1, 2], [50, 0], 15.0, [10.0, 10.0004, 11.0], [200.0, 15.0 * 0.125 * 150.0]),
     ],
 )
 def test_energies_of_single_pulses_are_plateau_times_current_times_time(
@@ -131,7 +125,7 @@ def test_energies_of_single_pulses_are_plateau_times_current_times_time(
     sums_uj: list[float],
 ) -> None:
     writer = made_up.new_run(tmp_path)
-    made_up.pulses(writer, 10.0, np.array(kinds), np.array(delay_us), arc_v=arc_v)
+    made_up.pulses(writer, 10.0, np.array(kinds), np.array(delay_us, np.float64), arc_v=arc_v)
     with open_run(writer.finish("done", 0)) as run:
         found = spark_energies(run, np.array(edges_s))
     assert found is not None
