@@ -10,7 +10,6 @@ import json
 import os
 import stat
 from collections.abc import Mapping
-from contextlib import suppress
 from io import BufferedReader, FileIO
 from pathlib import Path
 from typing import Any
@@ -140,14 +139,12 @@ def lock_holder(path: Path) -> str:
 
 
 def _described(pid: int) -> str:
-    words: list[str] = []
-    with suppress(OSError):
-        command = Path(f"/proc/{pid}/cmdline").read_bytes().decode(errors="replace")
-        words = command.rstrip("\0").split("\0")
-    if not words:
+    """Return a process by its number, with the first 60 characters of its command."""
+    try:
+        words = Path(f"/proc/{pid}/cmdline").read_bytes().decode(errors="replace").rstrip("\0").split("\0")
+    except OSError:
         return f"process {pid}"
-    # `python -m edmctl machine`: what follows the interpreter's own options says more.
-    if "edmctl" in words[:4]:
+    if "edmctl" in words[:4]:  # `python -m edmctl machine`
         words = words[words.index("edmctl") :]
     text = " ".join([Path(words[0]).name, *words[1:]])
     return f"process {pid} ({text if len(text) <= 60 else text[:59] + '…'})"

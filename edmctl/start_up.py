@@ -31,18 +31,13 @@ def spare_start_up() -> None:
         os.environ.setdefault(name, "1")
 
 
-def is_spared() -> bool:
-    """Return whether this process has called `spare_start_up`."""
-    return gc.get_threshold()[0] == FEW_CYCLES
-
-
 def collect_garbage() -> None:
     """Free the virtual machine of the run before: plant and controller refer to each other.
 
     In a process that is spared, what is left is not looked at again: modules and caches, 20 ms each time.
     """
     gc.collect()
-    if is_spared():
+    if gc.get_threshold()[0] == FEW_CYCLES:  # spared
         gc.freeze()
 
 

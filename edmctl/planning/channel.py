@@ -35,11 +35,8 @@ LEARNED_U_REL = 0.03  # relative uncertainty of the wear per energy after the fi
 
 
 class Channel:
-    """The channel of a profile.
+    """The channel of a profile; the tool wears as much per removed volume as in a hole.
 
-    length_um, depth_um, volume_um3 : of the way, of the target, and of what is removed
-    wear_um : tool wear; the tool loses the same volume per volume removed as in a hole
-    layers : number of layers
     passes_per_layer : mean number of passes until the sparks have removed a layer, at least one
     waiting_speed_um_s : speed at which a single pass just removes a layer; a slower one only takes longer
     pass_time_s : time of one pass; the stages stop during a jump

@@ -273,9 +273,8 @@ def stop_time_s(
     bottom: bool = True,
     rim_um: float = 0.0,
 ) -> float:
-    """One measurement cycle after a cut of `feed_um`, with a tool worn by `wear_um`: bottom, if any, and pad, s.
-
-    `pad_s` is the way of the stages to the pad; the wear over the last `rim_um` of the feed is unknown.
+    """One measurement cycle, s: bottom, if any, the way to the pad, and pad; wear over the last `rim_um` is
+    unknown.
     """
     bottom_s = 0.5 + reading_time_s(profile, RISE_UM) if bottom else 0.0
     early_um = RIM_WEAR_SHARE * rim_um

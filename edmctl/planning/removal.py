@@ -368,8 +368,5 @@ def servo_swing(profile: Profile, setup: Setup) -> LimitCycle:
 
 
 def least_jump_um(depth_um: float, diameter_um: float, side_gap_um: float) -> float:
-    """Least useful jump height in µm: the tool's stroke must refill the annulus beside it.
-
-    `h_min = 4 s z / d * (1 + s / d)`: annulus volume of depth z over the tool's face.
-    """
+    """Least useful jump height, µm: annulus volume at that depth over the tool's face, `4 s z / d * (1 + s / d)`."""
     return 4.0 * side_gap_um * depth_um / diameter_um * (1.0 + side_gap_um / diameter_um)

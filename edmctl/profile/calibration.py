@@ -241,10 +241,7 @@ ROUNDING = 1e-3
 def contradictions(
     quality: Identification | Quality, model: ActuatorModel, others: Sequence[tuple[str, Figures]] = ()
 ) -> Iterator[str]:
-    """Yield what is impossible in a calibration, with numbers; nothing if it may be used.
-
-    others : further errors that an acceptance depends on, by name
-    """
+    """Yield what is impossible in a calibration, also of `others`, errors that an acceptance depends on, by name."""
     taus_s, ends_v = model.time_constants_s, np.array([model.low_v, model.high_v])
     volts = (model.thresholds_v, model.knots_v, ends_v, model.rounded_limits_v, model.rounded[:, -1])
     for value, most, what in (

@@ -130,10 +130,7 @@ def creep_path(serial: str, environ: Mapping[str, str]) -> Path:
 def find_kept(
     kind: Kept, environ: Mapping[str, str], stated: str | None, serial: str | None, option: Path | None = None
 ) -> Path | None:
-    """Return the file in use: that of the option, the environment or the setup (`stated`), or one of the machine.
-
-    Only the last must exist; loading reports the others that do not. `serial` is None for a machine without any.
-    """
+    """Return the file of option, environment or setup (`stated`), else that of the machine, if there is one."""
     variable = CALIBRATION_VARIABLE if kind == "calibration" else DRIFT_VARIABLE
     if named := option or path_variable(variable, environ) or stated:
         return Path(named)

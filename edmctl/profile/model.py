@@ -412,9 +412,8 @@ class ProfileFile(Profile):
 
 
 def profile_schema() -> dict[str, Any]:
-    """JSON schema (draft 2020-12) of a profile file. One that extends another may leave any key to that.
-
-    Items of a list have all their keys, because a list is inherited whole or not at all.
+    """JSON schema (draft 2020-12) of a profile file; tables may be inherited, items of a list have all their
+    keys.
     """
     schema = ProfileFile.model_json_schema(by_alias=True)
     complete = {"required": schema.pop("required")}

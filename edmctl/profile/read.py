@@ -423,10 +423,7 @@ def dotted(path: KeyPath) -> str:
 
 
 def extend(base: TomlTable, child: TomlTable) -> TomlTable:
-    """The base with the child's keys laid over it, table by table.
-
-    A table that states its `kind` is another kind of thing, not a change of the base's: it replaces it whole.
-    """
+    """The base with the child's keys laid over it; a table that states another `kind` replaces the base's whole."""
     merged = dict(base)
     for key, value in child.items():
         below = merged.get(key)

@@ -237,9 +237,8 @@ def _choices(annotation: object) -> list[str]:
 
 
 def keys_at(model: type[BaseModel], path: KeyPath, written: object = None) -> list[str]:
-    """Keys that the table at a path may hold; empty if there is no such table.
-
-    written : a table whose `kind` selects one of several; those of all kinds if it is none of them
+    """Keys that the table at a path may hold, of the `kind` in `written` or of all kinds; empty without such a
+    table.
     """
     tables = (
         [table for info in fields_at(model, path) for table in _tables(info.annotation)] if path else [model]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from edmctl.dataclasses import dataclass, field, fields
 
@@ -26,8 +26,6 @@ GROUPS = (
 """Columns of the results table are in this order, and within a group in that of their declaration."""
 ONLY_JSON = ""
 """Group of fields that the results table does not have."""
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,21 +76,21 @@ def flag(title: str, group: str = "further", *, default: bool = False) -> Any:
     return quantity(PURE, title, group, dtype="u1", default=default)
 
 
-class Derived(Generic[T]):
+class Derived(property):
     """A property of a result that has a column of its own."""
 
-    def __init__(self, compute: Callable[[Any], T], declared: Quantity) -> None:
-        self._compute, self.quantity = compute, declared
-
-    def __get__(self, instance: object, owner: type | None = None) -> T:
-        return self if instance is None else self._compute(instance)  # type: ignore[return-value]
+    quantity: Quantity
 
 
-def derived(
-    units: str, title: str, group: str, *, dtype: str = "f8"
-) -> Callable[[Callable[[Any], T]], Derived[T]]:
+def derived(units: str, title: str, group: str) -> Callable[[Callable[[Any], float]], Derived]:
     """Declare a property; in its group it comes before the fields."""
-    return lambda compute: Derived(compute, Quantity(units, title, group, dtype))
+
+    def declare(compute: Callable[[Any], float]) -> Derived:
+        declared = Derived(compute)
+        declared.quantity = Quantity(units, title, group)
+        return declared
+
+    return declare
 
 
 def quantities(kind: type) -> dict[str, Quantity]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from random import Random
 
 import numpy as np
@@ -15,7 +16,7 @@ from edmctl.results.telemetry import TelemetryBlock, joined
 from edmctl.simulator.injection import parse_injection
 from tests.machine.conftest import Rig
 
-COLUMNS = [name for name in TelemetryBlock.__slots__ if name != "missing_frames"]
+COLUMNS = [one.name for one in fields(TelemetryBlock) if one.name != "missing_frames"]
 
 
 def samples_of(*, direct: bool) -> TelemetryBlock:

@@ -336,10 +336,7 @@ BOUNDS = (
 
 
 def stroke(job: Job) -> Findings:
-    """Rules 2, 10 and 30: offset, wear by the holes before, feed and a reserve fit into the stroke.
-
-    There is no coarse Z. A depth or feed through a sheet does not wait for the breakthrough.
-    """
+    """Rules 2, 10 and 30: offset, wear by the holes before, feed and a reserve fit into the stroke; no coarse Z."""
     profile, target, worn_um = job.profile, job.profile.target, 0.0
     offset_um, available_um = profile.approach.offset_um, stroke_available_um(profile, job.setup)
     ordered = working_order(profile, job.setup, job.places)
