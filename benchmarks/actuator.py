@@ -23,7 +23,7 @@ from edmctl.actuator.inverse import Inverse
 from edmctl.actuator.model import Estimator
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures, judge, validate
-from edmctl.simulator.actuator import VirtualActuator
+from edmctl.simulator.plant import VirtualActuator
 
 if TYPE_CHECKING:
     from collections.abc import Callable

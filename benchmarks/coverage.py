@@ -46,8 +46,8 @@ from edmctl.profile.setup import Sensor, Setup
 from edmctl.quantity import coverage_factor
 from edmctl.record.ledger import HomeSeen, MachineHistory
 from edmctl.simulator import open_bench
-from edmctl.simulator.actuator import VirtualActuator
 from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.plant import VirtualActuator
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

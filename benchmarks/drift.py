@@ -41,7 +41,7 @@ from edmctl.profile.setup import Setup
 from edmctl.quantity import half_width
 from edmctl.record.rows import NullRecorder
 from edmctl.simulator import open_bench
-from edmctl.simulator.unit import RandomBlocks
+from edmctl.simulator.plant import RandomBlocks
 
 PROFILES = Path(__file__).parents[1] / "profiles"
 SD_UM_S = 1.0 / 600.0

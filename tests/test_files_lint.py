@@ -35,7 +35,6 @@ ALLOWED = {
     "core/build.py: digest_of": SOURCE,
     "board/settings.py: settings_of": SOURCE,
     "jobs/doctor.py: line_settings": "/sys",
-    "jobs/doctor.py: _runs": "/proc",
     "link/compatibility.py: own_schema": "a file of the package",
     "link/serial_line.py: open_port": "a serial port",
     "process/erosion.py: materials": "a file of the package",

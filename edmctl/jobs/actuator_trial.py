@@ -42,7 +42,7 @@ from edmctl.jobs.corrections import owner, reaches_down, reaches_up
 from edmctl.profile.calibration import Calibration
 from edmctl.record.columns import TIME, VOLTAGE, read_columns, write_columns
 from edmctl.report.kinds import check_figure
-from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, SLEW_V_S, DrivenTicks, VirtualActuator
+from edmctl.simulator.plant import HIGH_V, LOW_V, RATE_HZ, SLEW_V_S, DrivenTicks, VirtualActuator
 
 SLOW_HZ = 0.01
 """Of the one cycle that the simple models are fitted to, as in Muralidhara et al. 2009, §2.2."""

@@ -20,9 +20,8 @@ from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import ResetCause, State, Tlm
 from edmctl.link.transport import MergedTlm
 from edmctl.simulator.injection import NEVER, Injector, Trigger
-from edmctl.simulator.plant import Plant
+from edmctl.simulator.plant import BLOCK, Plant
 from edmctl.simulator.plant_records import TICK_NS, TICK_S
-from edmctl.simulator.unit import BLOCK
 from edmctl.simulator.waveforms import Waveforms
 
 T = TypeVar("T")

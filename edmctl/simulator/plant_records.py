@@ -6,7 +6,7 @@ A controller is called once a millisecond with `Readings` and `Drive`: it reads 
 from __future__ import annotations
 
 from edmctl.array_types import Array
-from edmctl.core.records import Record, address, record, series
+from edmctl.core.library import Record, address, record, series
 
 TICK_S = 0.001
 TICK_NS = 1_000_000

@@ -16,16 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmctl import failures
-from edmctl.core.library import Kept
-from edmctl.core.records import Record
+from edmctl.core.library import Kept, Record
 from edmctl.link.faults import FAULTS
 from edmctl.link.messages import ResetCause
 from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.config import BenchConfig, DischargeConstants
 from edmctl.simulator.controller import Controller
-from edmctl.simulator.plant import Plant
+from edmctl.simulator.plant import BLOCK, Plant
 from edmctl.simulator.plant_records import BURNING, MOST_PULSES, PATH_LINES
-from edmctl.simulator.unit import BLOCK
 from edmctl.simulator.waveforms import PULSE, PULSE_COLUMNS, SAMPLE_NS, RecentPulses, Waveforms
 from edmctl.simulator.work_under_tool import MOST_CELLS, TILE, Hole
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.core.records import Record, record, series
+from edmctl.core.library import Record, record, series
 
 if TYPE_CHECKING:
     from edmctl.array_types import Array

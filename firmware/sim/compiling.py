@@ -17,7 +17,7 @@ from numba.core.caching import FunctionCache
 from numba.core.ccallback import CFunc
 from numba.extending import intrinsic
 
-from edmctl.core.records import Record
+from edmctl.core.library import Record
 
 _F = TypeVar("_F", bound="Callable[..., Any]")
 _R = TypeVar("_R", bound=Record)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.core.records import Record, record
+from edmctl.core.library import Record, record
 
 from . import registers as reg
 from .addresses import IWDG, IWDG_PR, IWDG_RLR, IWDG_STOPS, WWDG, WWDG_CFR, WWDG_CR, WWDG_STOPS, word

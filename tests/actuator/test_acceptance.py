@@ -14,8 +14,8 @@ from edmctl.actuator.model import ActuatorState
 from edmctl.actuator.record import Record
 from edmctl.actuator.screening import screened, settled
 from edmctl.actuator.waveforms import sampled, sine, slow_legs
-from edmctl.simulator.actuator import HIGH_V, VirtualActuator
-from edmctl.simulator.actuator import RATE_HZ as SEEN_HZ
+from edmctl.simulator.plant import HIGH_V, VirtualActuator
+from edmctl.simulator.plant import RATE_HZ as SEEN_HZ
 from tests.actuator.models import Array, clock, make_model
 
 RATE_HZ = 100.0

@@ -10,7 +10,7 @@ from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator
 from edmctl.actuator.quick import identify_quick
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import judge, validate
-from edmctl.simulator.actuator import VirtualActuator
+from edmctl.simulator.plant import VirtualActuator
 from tests.actuator.models import Array, clock, default_model, make_model, play
 from tests.tiers import tiers
 

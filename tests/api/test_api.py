@@ -198,7 +198,7 @@ def test_a_calibration_has_errors_and_acceptance_and_is_used(tmp_path: Path) -> 
 @pytest.mark.slow
 def test_measured_files_are_fitted_without_a_machine(tmp_path: Path) -> None:
     from edmctl.actuator.waveforms import sampled, slow_legs
-    from edmctl.simulator.actuator import HIGH_V, RATE_HZ, VirtualActuator
+    from edmctl.simulator.plant import HIGH_V, RATE_HZ, VirtualActuator
 
     driven = VirtualActuator(5).drive(sampled(slow_legs(HIGH_V), RATE_HZ).u_v)
     rows = zip(driven.t_s[::20], driven.applied_v[::20], driven.sensor_um[::20], strict=True)

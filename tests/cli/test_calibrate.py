@@ -29,7 +29,7 @@ from edmctl.procedures.calibration import MeasuredActuator
 from edmctl.profile.calibration import Calibration
 from edmctl.profile.setup import Setup
 from edmctl.record.columns import read_record, write_columns
-from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
+from edmctl.simulator.plant import RATE_HZ, VirtualActuator
 from tests.cli.commands import CU270, Here, Said
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from edmctl.jsonout import to_json_value
 from edmctl.profile.calibration import Calibration, Made, calibration_of
 from edmctl.profile.folders import kept_path
 from edmctl.record.columns import write_columns
-from edmctl.simulator.actuator import VirtualActuator
+from edmctl.simulator.plant import VirtualActuator
 from tests.cli.commands import SHALLOW, Here, Said
 from tests.golden import once
 

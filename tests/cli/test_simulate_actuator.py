@@ -18,7 +18,7 @@ from edmctl.jobs.actuator_trial import Wanted, command_from, run_trial, waveform
 from edmctl.procedures.calibration import REST_S, plan_calibration
 from edmctl.profile.calibration import Made, calibration_of
 from edmctl.profile.setup import Setup
-from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
+from edmctl.simulator.plant import RATE_HZ, VirtualActuator
 from tests.cli.commands import Here
 
 if TYPE_CHECKING:

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.core import build
-from edmctl.core.library import Library, library, loaded
-from edmctl.core.records import RECORD_BYTES
+from edmctl.core.library import RECORD_BYTES, Library, library, loaded
 from edmctl.errors import PreconditionError
 from edmctl.jobs import batch
 from edmctl.jobs.parallel import silent_program

@@ -50,9 +50,9 @@ from edmctl.results.job import JobResult, SiteResult
 from edmctl.results.progress import Phase, Progress
 from edmctl.results.telemetry import PulseBlockBatch
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
-from edmctl.simulator.actuator import VirtualActuator
 from edmctl.simulator.config import SensorConstants
 from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.plant import VirtualActuator
 
 CU270 = str(Path(__file__).parents[2] / "profiles" / "cu270.toml")
 QUICK = (

@@ -10,8 +10,7 @@ import pytest
 
 from edmctl.link.messages import PulseClass
 from edmctl.simulator import BenchConfig
-from edmctl.simulator.plant import Plant
-from edmctl.simulator.unit import BLOCK
+from edmctl.simulator.plant import BLOCK, Plant
 from tests.simulator.struck_pulses import strike
 from tests.tiers import tiers
 

@@ -24,8 +24,8 @@ from edmctl.simulator import (
     open_bench,
 )
 from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.plant import BLOCK
 from edmctl.simulator.saving import bench_state, restored_bench
-from edmctl.simulator.unit import BLOCK
 from tests.tiers import tiers
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ import pytest
 
 from edmctl.core.library import library
 from edmctl.simulator import BenchConfig
-from edmctl.simulator.actuator import HIGH_V, RATE_HZ, SLEW_V_S, VirtualActuator
-from edmctl.simulator.plant import Plant
+from edmctl.simulator.plant import HIGH_V, RATE_HZ, SLEW_V_S, Plant, VirtualActuator
 
 RISE = np.minimum(0.05 * np.arange(3000.0), 90.0)
 

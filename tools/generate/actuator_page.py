@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from edmctl.actuator.waveforms import readings
 from edmctl.jobs.actuator_trial import Start, Wanted, displacement, fit_model, waveforms
-from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
+from edmctl.simulator.plant import RATE_HZ, VirtualActuator
 from tools.generate.text import table
 
 SEEDS = (1, 2, 3)

@@ -11,7 +11,7 @@ from edmctl.simulator import plant_records
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from edmctl.core.records import Record
+    from edmctl.core.library import Record
 
 _RECORDS: dict[str, type[Record]] = {
     "unit": plant_records.Unit,
