@@ -30,7 +30,6 @@ from edmctl.study.planning import grid_of, request_of
 from edmctl.study.results import RunKind, RunRow, RunState, StudyRun
 from edmctl.study.running import bare_row, refuse_other_recipe, row_of, run_name
 from edmctl.study.study_file import StudyMachine
-from edmctl.study.suggestions import opening_run
 from edmctl.wording import coordinates, plural, settings_words
 
 if TYPE_CHECKING:
@@ -126,9 +125,6 @@ class _Series:
             plan, name, site_um = self._resumed(run, resumption)
         else:
             tool = self._checked_tool(run)
-            if (opening := self._opening_run(run, tool)) is not None:
-                self._make(opening)
-                return
             plan, site_um = self._begun(run)
             is_suggestion = run.planned.kind in (RunKind.SUGGESTED, RunKind.CONFIRMATION)
             policy = self.machine.approval
@@ -223,21 +219,6 @@ class _Series:
                 tool=tool, holes=holes, number=run.planned.number, value=self._command()
             )
         return tool
-
-    def _opening_run(self, run: StudyRun, tool: int) -> StudyRun | None:
-        """Return the centre run that a tool begins with, if the plan has none because it was changed early."""
-        if not self.machine.center_runs or run.planned.kind in (RunKind.CENTER, RunKind.CONFIRMATION):
-            return None
-        state = self.folder.read()
-        made = _made(state)
-        if not made or any(row.tool == tool for row in made):
-            return None
-        for added in state.runs[len(self.folder.plan.runs) :]:
-            planned = added.planned
-            if planned.kind is RunKind.CENTER and added.state is RunState.OPEN and planned.tool == tool:
-                return added
-        self.writer.planned([opening_run(state, tool)])
-        return self.folder.read().runs[-1]
 
     def _stop(self, run: StudyRun, error: EdmError) -> NoReturn:
         self.writer.paused(run, f"{error.code}: {error.message}")

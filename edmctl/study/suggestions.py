@@ -164,13 +164,6 @@ def _points(state: StudyState) -> dict[str, int]:
     return {settings_key(run.planned.settings): run.planned.point for run in state.runs}
 
 
-def opening_run(state: StudyState, tool: int) -> PlannedRun:
-    """Return a new centre run that a tool begins with."""
-    center = next(run.planned for run in state.runs if run.planned.kind is RunKind.CENTER)
-    (run,) = _added(state, RunKind.CENTER, [center.settings], center.seed)
-    return replace(run, block=tool, tool=tool)
-
-
 def _added(
     state: StudyState, kind: RunKind, settings: Sequence[Mapping[str, Value]], first_seed: int
 ) -> list[PlannedRun]:
