@@ -409,8 +409,7 @@ def report(
 ) -> None:
     """Show which factors matter, by analysis of variance, models and the Pareto front; --out writes a page."""
     from edmctl.jobs import output_files
-    from edmctl.study.report import mapping_of, render_report, report_of
-    from edmctl.study.report.page import render_study_page
+    from edmctl.study.report import mapping_of, render_report, render_study_page, report_of
 
     found = report_of(opened(folder).read(), shell())
     outcome.result = mapping_of(found)

@@ -19,10 +19,9 @@ from edmctl.report.html import picture_of
 from edmctl.report.panels import NothingToDraw
 from edmctl.study.analysis import StudyAnalysis, doe_runs, pareto_front
 from edmctl.study.design import terms_of
-from edmctl.study.report import StudyReport
+from edmctl.study.report import StudyReport, render_study_page
 from edmctl.study.report import figures as drawn
 from edmctl.study.report.contents import all_runs, p_text, p_words
-from edmctl.study.report.page import render_study_page
 from edmctl.study.results import (
     Choice,
     Confirmation,

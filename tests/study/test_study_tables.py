@@ -12,9 +12,8 @@ import pytest
 from edmctl.app import main
 from edmctl.study.analysis import analysis_of
 from edmctl.study.design import value_at
-from edmctl.study.report import StudyReport, mapping_of, report_of
+from edmctl.study.report import StudyReport, mapping_of, render_study_page, report_of
 from edmctl.study.report.contents import what_matters
-from edmctl.study.report.page import render_study_page
 from edmctl.study.running import lost_row
 from edmctl.study.suggestions import confirmation_runs, suggested_runs
 from tests.study.studies import FULL, HEAD, RESPONSES, SMALL, come_to, made
