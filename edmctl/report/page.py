@@ -37,7 +37,7 @@ from edmctl.wording import (
 NARROW = "\u202f"
 """A narrow space that a line does not break."""
 _CONTENTS = (
-    ("wanted", "Wanted"),
+    ("target", "Target"),
     ("numbers", "Numbers"),
     ("figures", "Figures"),
     ("story", "What happened"),
@@ -110,8 +110,8 @@ def _key_numbers(run: RunFile, sites: Sites) -> Iterator[tuple[str, str, str]]:
     target = target_depths_um(run.profile_values())
     several = len(sites) > 1
     of_many = f"mean of {len(sites)} sites" if several else ""
-    wanted = f"wanted {target[0]:g} ± {target[1]:g} µm" if target and not several else of_many
-    shown = [("depth", "depth", wanted), ("tool wear", "wear", of_many)]
+    of_target = f"target {target[0]:g} ± {target[1]:g} µm" if target and not several else of_many
+    shown = [("depth", "depth", of_target), ("tool wear", "wear", of_many)]
     through = all(site.through for site in sites)
     if through:
         yield "depth", "through", f"the sheet of {sites[0].length_um:g} µm"
@@ -136,7 +136,7 @@ def _results(run: RunFile, sites: Sites) -> PageTable:
     """Return a row for each quantity of one hole, or for each of several holes; without holes, the summary."""
     if not sites:
         rows = list(facts(run.summary() or {}))
-        return PageTable("What it found", ["quantity", "value"], rows, words=True)
+        return PageTable("Results", ["quantity", "value"], rows, words=True)
     return _one_site(sites[0]) if len(sites) == 1 else _many_sites(sites)
 
 
@@ -161,7 +161,7 @@ def _many_sites(sites: Sites) -> PageTable:
     marks = meanings({basis for site in sites for basis in (site.depth_basis, site.wear_basis)})
     note = " ".join([U95_NOTE, FEED_NOTE, f"Wear ratio is wear over {per}.", *marks])
     rows = list(zip(*columns.values(), strict=True))
-    return PageTable("What each site has become", list(columns), rows, note)
+    return PageTable("Results", list(columns), rows, note)
 
 
 def _marked(site: RecordedSite, name: str, text: str, head: str = "result") -> str:

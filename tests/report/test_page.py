@@ -125,7 +125,7 @@ def test_the_numbers_are_those_of_the_file(run_file: Path, page: str) -> None:
     truth_um = sites[0]["truth"]["depth_um"]
     assert 'truth (simulated)</th></tr></thead><tbody>\n<tr><th scope="row">depth, Z2 − Z3</th>' in page
     assert f"<td>{truth_um:.2f}</td></tr>" in page
-    assert "wanted 8 ± " in page
+    assert "target 8 ± " in page
     assert recipe in page
     assert "yes, seed 3" in page
     assert "It jumped &lt;once&gt; &amp; stopped." in page
