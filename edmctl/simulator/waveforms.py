@@ -1,6 +1,6 @@
 """What a fault freezes of the gap: the waveforms of the pulses about it.
 
-The plant knows a pulse by its ignition delay, discharge time and plateau; `pulse_shape` makes of it what an
+The plant knows a pulse by its ignition delay, discharge time and plateau; firmware/plant/pulse_shape.c makes of it what an
 oscilloscope would show. The black box is in the core (firmware/core/blackbox.c).
 """
 
