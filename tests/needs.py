@@ -11,13 +11,10 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 VARIABLE = "EDMCTL_REQUIRE_EXTRAS"
 EXTRAS = {

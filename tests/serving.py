@@ -5,20 +5,16 @@ from __future__ import annotations
 import select
 import socket
 import threading
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import serial
 from serial.rfc2217 import PortManager
 
-from edmctl.simulator.serve import PtyEndpoint, Server
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from edmctl.simulator import VirtualBench
-    from edmctl.simulator.serve import Endpoint
+from edmctl.simulator import VirtualBench
+from edmctl.simulator.serve import Endpoint, PtyEndpoint, Server
 
 
 @contextmanager

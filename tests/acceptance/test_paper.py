@@ -6,20 +6,15 @@ Few seeds, so that it runs with every change; the figures over 20 and 40 seeds a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING
 
 import pytest
 
 import edmctl
 from edmctl.errors import EdmWarning, MachineFault
-from edmctl.simulator import open_bench
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.results.job import SiteResult
-    from edmctl.simulator import BenchConfig, VirtualBench
+from edmctl.results.job import SiteResult
+from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 
 pytestmark = pytest.mark.slow
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -11,14 +10,11 @@ from numpy.typing import NDArray
 
 from edmctl.actuator.fitting import nnls
 from edmctl.actuator.identification import fit_line, fit_maxwell
+from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.paper_model import MaxwellModel
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import Waveform, sampled, sine, slow_legs, square
 from tests.actuator.models import THRESHOLDS_V, default_model, play
-
-if TYPE_CHECKING:
-    from edmctl.actuator.model import ActuatorModel
-
 
 Array = NDArray[np.float64]
 

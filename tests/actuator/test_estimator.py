@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -24,9 +23,6 @@ from tests.actuator.models import (
     rounded_models,
     voltages,
 )
-
-if TYPE_CHECKING:
-    from edmctl.actuator.model import ActuatorModel
 
 
 @given(models | rounded_models, voltages, st.sampled_from([0.0, 0.004, 0.03]))

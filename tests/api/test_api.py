@@ -8,15 +8,15 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 import edmctl
-from edmctl.errors import Interrupted, PreconditionError, ProfileError
+from edmctl.errors import Diagnostic, Interrupted, PreconditionError, ProfileError
 from edmctl.jobs.runs.summary import wanted
 from edmctl.jobs.surroundings import Unobserved
 from edmctl.labels import Verdict
@@ -24,15 +24,9 @@ from edmctl.machine.stop import StopRequest
 from edmctl.results.progress import Phase, Progress
 from edmctl.toml_text import toml_value
 from edmctl.wording import facts
-from tests.cli.commands import ROOT, command, environment
+from tests.cli.commands import ROOT, Here, command, environment
 from tests.needs import skip_without
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from edmctl.errors import Diagnostic
-    from tests.cli.commands import Here
 
 SHALLOW = {
     **{"target.depth_um": 8, "log.pulses": "off", "approach.speed_um_s": 5},

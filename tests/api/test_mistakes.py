@@ -6,21 +6,25 @@ import copy
 import pickle
 import threading
 import traceback
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 import edmctl
-from edmctl.errors import EdmError, EdmWarning, Interrupted, ProfileError, RunFileError, UsageError
+from edmctl.errors import (
+    Diagnostic,
+    EdmError,
+    EdmWarning,
+    Interrupted,
+    ProfileError,
+    RunFileError,
+    UsageError,
+)
 from edmctl.jobs.run_header import name_run
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from edmctl.errors import Diagnostic
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -13,10 +14,6 @@ from edmctl.study.results import RunKind
 from edmctl.study.suggestions import data_of
 from edmctl.study.table import OF_EXECUTION
 from tests.study.studies import HEAD, SMALL, written
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 SPACE = (
     HEAD

@@ -15,7 +15,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -39,15 +38,13 @@ from edmctl.link.messages import (
 from edmctl.link.opening import open_line
 from edmctl.link.ports import PortInfo
 from edmctl.link.session import Session
+from edmctl.link.wire import Request
 from edmctl.profile.setup import Setup
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from tests.cli.commands import Here, Said, command, environment
 from tests.firmware.image_bytes import image_bytes
 from tests.needs import BOARD_COMPILERS
 from tests.serving import serving
-
-if TYPE_CHECKING:
-    from edmctl.link.wire import Request
 
 FAKE = Path(__file__).parents[1] / "firmware" / "fake_flash_tool.py"
 TOOLS = ("pyocd", "openocd")

@@ -10,25 +10,22 @@ from contextlib import ExitStack, contextmanager, redirect_stdout
 from functools import partial
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from edmctl.app import main
+from edmctl.machine.interface import TelemetryBlock
 from edmctl.procedures.run import MACHINING as MACHINING_PHASE
 from edmctl.procedures.run import JobRun, JobStateKeeper
 from edmctl.record.bench_file import read_bench, write_bench
-from edmctl.record.journal import read_journal
+from edmctl.record.journal import Journal, read_journal
+from edmctl.record.rows import RunEvent
+from edmctl.simulator import VirtualBench
 from edmctl.simulator.saving import bench_state, restored_bench
 from edmctl.simulator.work_under_tool import TILE
 from tests.cli.commands import CU270, Here, Said
 from tests.golden import once
-
-if TYPE_CHECKING:
-    from edmctl.machine.interface import TelemetryBlock
-    from edmctl.record.journal import Journal
-    from edmctl.record.rows import RunEvent
-    from edmctl.simulator import VirtualBench
 
 QUICK = (
     'target={kind="depth",depth_um=24.0,tolerance_um=1.5}',

@@ -8,20 +8,16 @@ from __future__ import annotations
 import subprocess
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.jobs.connect import bench_config
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Setup
-from edmctl.simulator import open_bench
+from edmctl.simulator import VirtualBench, open_bench
 from tests.cli.commands import CU270, SHALLOW, Here, command, environment
 from tests.serving import serving
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from edmctl.simulator import VirtualBench
 
 SPEED = 20.0
 AFTER_S = 0.1

@@ -10,7 +10,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ import pytest
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import validate
-from edmctl.actuator.waveforms import jump_train, sampled, slow_legs, triangle
+from edmctl.actuator.waveforms import Waveform, jump_train, sampled, slow_legs, triangle
 from edmctl.app import main
 from edmctl.cli.signals import SignalArrived
 from edmctl.errors import Interrupted
@@ -31,9 +31,6 @@ from edmctl.profile.setup import Setup
 from edmctl.record.columns import read_record, write_columns
 from edmctl.simulator.plant import RATE_HZ, VirtualActuator
 from tests.cli.commands import CU270, Here, Said
-
-if TYPE_CHECKING:
-    from edmctl.actuator.waveforms import Waveform
 
 SEED = 3
 PLAIN = partial(identify, folds=2, resamples=0, beyond_plays=False)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -21,15 +21,12 @@ from edmctl.link.session import Session
 from edmctl.machine.interface import default_settings
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Setup
-from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.serve import PtyEndpoint, Server, SocketEndpoint
 from tests.cli.commands import CU270, SHALLOW, Here, in_process_of_its_own
 from tests.serving import bridged, serving
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from edmctl.simulator import VirtualBench
 
 SEED = 3
 CLEAR_ERROR_WITHIN_S = 2.0

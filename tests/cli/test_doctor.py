@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import pytest
 
@@ -16,17 +16,15 @@ from edmctl.jobs.doctor import _line, _round_trip
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import ClearFault, ResetCause, State
 from edmctl.link.session import Session
+from edmctl.machine.controller import LinkMachine
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.results.measurements import CheckStatus
 from edmctl.results.telemetry import LinkReport
+from edmctl.simulator import VirtualBench
 from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import parse_injection
 from tests.cli.commands import Here, Said
 from tests.faults.workshop import Workshop
-
-if TYPE_CHECKING:
-    from edmctl.machine.controller import LinkMachine
-    from edmctl.simulator import VirtualBench
 
 INTERLOCKS = ("emergency stop", "door", "level", "flow", "temperature", "high voltage")
 

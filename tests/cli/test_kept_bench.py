@@ -8,26 +8,23 @@ import os
 import shutil
 import signal
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 import pytest
 
 from edmctl.errors import RunFileError
 from edmctl.jobs.persistent_simulator import KeptLine
+from edmctl.machine.interface import TelemetryBlock
 from edmctl.procedures.channel.layers import PassFollower
 from edmctl.record import journal
 from edmctl.record.bench_file import bench_lock, read_bench, write_bench
-from edmctl.record.ledger import UNFINISHED, Ledger, SiteMachined, WearMeasured, history_of
+from edmctl.record.ledger import UNFINISHED, Entry, Ledger, SiteMachined, WearMeasured, history_of
+from edmctl.simulator import VirtualBench
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, SHALLOW, Here, start
 from tests.cli.left_jobs import at_time_of_cut, stop
 from tests.golden import once
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from edmctl.machine.interface import TelemetryBlock
-    from edmctl.record.ledger import Entry
-    from edmctl.simulator import VirtualBench
 
 KEPT = ("--port", "sim:bench.h5")
 DEEP_UM = 10.0

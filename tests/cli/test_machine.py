@@ -6,7 +6,6 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import h5py
 import pytest
@@ -18,10 +17,8 @@ from edmctl.jsonout import to_json_value
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import JobState, NoStateStore
 from edmctl.simulator.bench import HoleTruth, VirtualBench
+from edmctl.simulator.config import BenchConfig
 from tests.cli.commands import CU270, SHALLOW, Here, Said, in_process_of_its_own
-
-if TYPE_CHECKING:
-    from edmctl.simulator.config import BenchConfig
 
 KEYS = "schema command ok exit_code simulated seed run_file files warnings result error"
 SITE_KEYS = """depth_um depth_u95_um wear_um wear_u95_um feed_um z1_um z2_um z3_um depth_model_um wear_model_um

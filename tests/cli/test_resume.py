@@ -7,12 +7,12 @@ import math
 import os
 import shutil
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -23,6 +23,7 @@ from edmctl.jobs.resume import checked, find_run, resumed_job
 from edmctl.jobs.run_header import RunName
 from edmctl.link.faults import FaultCode
 from edmctl.machine.controller import LinkMachine
+from edmctl.machine.interface import Touch, TouchRequest
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import REPORT_DELAY_S, job_of
 from edmctl.profile.setup import Setup
@@ -30,6 +31,7 @@ from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal, write_journal
 from edmctl.record.ledger import (
     UNFINISHED,
+    Entry,
     JobBegun,
     Ledger,
     RunEnded,
@@ -40,6 +42,7 @@ from edmctl.record.ledger import (
 )
 from edmctl.record.reader import open_run
 from edmctl.record.rows import RunEvent
+from edmctl.simulator import VirtualBench
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, ROOT, Here, Said
 from tests.cli.left_jobs import (
@@ -60,13 +63,6 @@ from tests.cli.left_jobs import (
 )
 from tests.serving import serving
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from edmctl.machine.interface import Touch, TouchRequest
-    from edmctl.record.ledger import Entry
-    from edmctl.simulator import VirtualBench
 
 ARRAY = str(ROOT / "profiles" / "array-3x3.toml")
 INTO_THE_CUT_S = 8.0

@@ -14,6 +14,7 @@ from edmctl.errors import UsageError
 from edmctl.jobs.runs.outputs import Target, plot_request
 from edmctl.record.disk import hold_lock, release_lock
 from edmctl.record.opening import SEAL_BYTES
+from edmctl.record.reader import RunFile
 from edmctl.report.kinds import KINDS, NAMES, Kind, kind_called
 from edmctl.report.panels import NothingToDraw, new_figure
 from tests.cli.commands import ROOT, Here
@@ -21,8 +22,6 @@ from tests.cli.test_start_up import HEAVY, modules_after
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from edmctl.record.reader import RunFile
 
 PNG, PDF = b"\x89PNG\r\n\x1a\n", b"%PDF"
 SOME = tuple(kind_called(name) for name in ("gap", "laue", "channel"))

@@ -11,7 +11,6 @@ import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -23,15 +22,13 @@ from edmctl.jobs.runs.follow import follow_run
 from edmctl.jobs.runs.summary import jumps_of
 from edmctl.record.rows import EventLevel, EventRow, RunEvent, ServoBlock, SlowRow, Summary, profile_leaves
 from edmctl.record.writer import RunWriter
+from edmctl.results.progress import Progress
 from edmctl.results.run_file import FileEvent
 from tests.cli.commands import ROOT, Here, environment
 from tests.cli.run_files import begun, finished, killed
 from tests.record.samples import PROFILE, a_meta, slow_row
 from tests.record.samples import finished as made_up
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from edmctl.results.progress import Progress
 
 
 class Seen(Reporter):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
@@ -14,15 +13,12 @@ from edmctl.actuator.identification import Identification, identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import sampled, slow_legs
 from edmctl.errors import RecordError, UsageError, installing
-from edmctl.jobs.actuator_trial import Wanted, command_from, run_trial, waveforms, write_data
+from edmctl.jobs.actuator_trial import Trial, Wanted, command_from, run_trial, waveforms, write_data
 from edmctl.procedures.calibration import REST_S, plan_calibration
 from edmctl.profile.calibration import Made, calibration_of
 from edmctl.profile.setup import Setup
 from edmctl.simulator.plant import RATE_HZ, VirtualActuator
 from tests.cli.commands import Here
-
-if TYPE_CHECKING:
-    from edmctl.jobs.actuator_trial import Trial
 
 SHORT = ("simulate", "actuator", "sine", "--cycles", "1", "--quiet", "--seed", "3")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from edmctl.actuator.paper_model import TABLE_1
 from edmctl.errors import PreconditionError
 from edmctl.jobs.actuator_trial import (
     PaperTrial,
+    Start,
     Wanted,
     displacement,
     fit_model,
@@ -21,9 +21,6 @@ from edmctl.jobs.actuator_trial import (
     waveforms,
 )
 from tests.cli.commands import Here
-
-if TYPE_CHECKING:
-    from edmctl.jobs.actuator_trial import Start
 
 PAPER = ("simulate", "actuator", "--model", "paper", "--seed", "3", "--quiet")
 

@@ -6,23 +6,20 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from edmctl.jobs.connect import bench_config
 from edmctl.link import messages as m
 from edmctl.link.frame import encode_frame
+from edmctl.link.wire import Message
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Setup
-from edmctl.simulator import open_bench
+from edmctl.simulator import VirtualBench, open_bench
 from tests.cli.commands import CU270, SHALLOW, Here, Said, in_process_of_its_own
 from tests.cli.left_jobs import at_time_of_cut
 from tests.serving import serving
-
-if TYPE_CHECKING:
-    from edmctl.link.wire import Message
-    from edmctl.simulator import VirtualBench
 
 CUT_S = 1.0
 """So long the first cut has gone on when the second host comes."""

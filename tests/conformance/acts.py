@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 from tests.conformance import layouts
 from tests.conformance.peer import STATE_NAMES, STATUS, Peer
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 OPEN_V, ON_US, OFF_US = 40.0, 130.435, 304.348
 DUTY_V = OPEN_V * ON_US / (ON_US + OFF_US)

@@ -6,16 +6,13 @@ board on an emulated chip.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
 
 import pytest
 
 from tests.conformance.acts import settle
 from tests.conformance.lines import InProcess, Line, Serial, chip_errors, served
 from tests.conformance.peer import Peer
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 PROCESS, PTY, BOARD = "process", "pty", "board"
 

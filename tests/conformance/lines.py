@@ -6,13 +6,11 @@ Only this module touches the virtual machine, and only to start it and to spoil 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from tests.serving import serving
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 
 class Line(Protocol):

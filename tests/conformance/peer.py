@@ -6,21 +6,18 @@ Every frame that comes in is held against the tables; a controller that sends an
 from __future__ import annotations
 
 import secrets
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import cycle
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from tests.conformance import layouts, wire
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.conformance.layouts import Fields
-    from tests.conformance.lines import Line
-    from tests.conformance.wire import Frame
+from tests.conformance.layouts import Fields
+from tests.conformance.lines import Line
+from tests.conformance.wire import Frame
 
 STATUS = layouts.enum("Status")
 STATE = layouts.enum("State")

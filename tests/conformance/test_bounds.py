@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import pytest
 
 from tests.conformance.acts import arm, scan_start, servo_start, set_parameters
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.conformance.peer import Peer
+from tests.conformance.peer import Peer
 
 TRAVEL_LIMIT, NO_SPARK = 2001, 3005
 START_V = 20.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import pytest
 
@@ -21,13 +21,8 @@ from tests.conformance.acts import (
     set_parameters,
     settle,
 )
-from tests.conformance.peer import STATE_NAMES, STATUS_NAMES
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.conformance.layouts import Fields
-    from tests.conformance.peer import Peer
+from tests.conformance.layouts import Fields
+from tests.conformance.peer import STATE_NAMES, STATUS_NAMES, Peer
 
 ESTOP = 4001
 ROWS = [row for row in layouts.faults() if row["who"] in ("controller", "both")]

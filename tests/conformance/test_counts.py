@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import pytest
 
 from tests.conformance import layouts, wire
 from tests.conformance.acts import arm, clear, servo_start
 from tests.conformance.lines import BEFORE_WRAP, BEFORE_WRAP_US, WRAP_16, WRAP_32, count_to_the_wrap
-from tests.conformance.peer import EVENT, STATE_NAMES, loses_nothing
+from tests.conformance.peer import EVENT, STATE_NAMES, Peer, loses_nothing
 from tests.conformance.test_delivery import REBOOT_MAGIC
 from tests.conformance.test_telemetry import black_box
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.conformance.peer import Peer
 
 EVENTS_WAIT = 30
 """So many EVENTs may wait; two more places are for FAULTs."""

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
 from tests.conformance import layouts, wire
 from tests.conformance.acts import DUTY_V, OFF_US, ON_US, OPEN_V, arm, assert_pulses_off, lead
 from tests.conformance.lines import cut_the_power
-from tests.conformance.peer import EVENT, STATE_NAMES, STATUS, Reply
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.conformance.peer import Peer
+from tests.conformance.peer import EVENT, STATE_NAMES, STATUS, Peer, Reply
 
 PARAM = layouts.PARAMETERS["open_lost_s"]
 REBOOT_MAGIC = 0x0B007EDB

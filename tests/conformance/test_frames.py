@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from random import Random
-from typing import TYPE_CHECKING
 
 import pytest
 
 from tests.conformance import layouts, wire
 from tests.conformance.acts import lead
-from tests.conformance.peer import STATUS, STATUS_NAMES
-
-if TYPE_CHECKING:
-    from tests.conformance.peer import Peer
+from tests.conformance.peer import STATUS, STATUS_NAMES, Peer
 
 NAMES = layouts.golden_names()
 GOLDEN_SESSION = 0x5A

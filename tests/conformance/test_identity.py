@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import json
 import zlib
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
 from tests.conformance import layouts
 from tests.conformance.acts import OFF_US, ON_US, OPEN_V, arm
 from tests.conformance.peer import STATUS, STATUS_NAMES, Peer
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 PULSE_LOG, PULSE_MODE = layouts.enum("PulseLog"), layouts.enum("PulseMode")
 PULSES = {"on_time_us": ON_US, "off_time_us": OFF_US, "open_voltage_v": OPEN_V, "peak_current_a": 0.1}

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import pytest
 
 from tests.conformance import layouts
 from tests.conformance.acts import DUTY_V, WORK_X_UM, arm, move_x, set_parameters
-from tests.conformance.peer import STATE, STATUS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.conformance.layouts import Fields
-    from tests.conformance.peer import Peer
+from tests.conformance.layouts import Fields
+from tests.conformance.peer import STATE, STATUS, Peer
 
 NO_CONTACT, COLLISION, SHORT_STUCK, NO_SPARK = 2005, 2007, 3001, 3005
 CONTACT = layouts.enum("TlmFlags")["CONTACT"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import pytest
 
@@ -19,13 +19,8 @@ from tests.conformance.acts import (
     servo_start,
 )
 from tests.conformance.lines import cut_the_power, press_reset
-from tests.conformance.peer import EVENT, STATE, STATE_NAMES, loses_nothing
+from tests.conformance.peer import EVENT, STATE, STATE_NAMES, Peer, loses_nothing
 from tests.conformance.test_delivery import REBOOT_MAGIC
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.conformance.peer import Peer
 
 TLM = layouts.ANSWERS[layouts.NAMES["TLM"]]
 

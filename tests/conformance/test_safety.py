@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from random import Random
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -17,12 +17,7 @@ from tests.conformance.acts import (
     lead,
     start_sparks,
 )
-from tests.conformance.peer import EVENT, STATUS, loses_nothing
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.conformance.peer import Peer
+from tests.conformance.peer import EVENT, STATUS, Peer, loses_nothing
 
 HOST_SILENT, ABORT_RUN, ESTOP, GEN_FAULT, MODE_SWITCH = 1001, 1002, 4001, 3004, 3006
 ESTOP_BIT = layouts.enum("Interlocks")["ESTOP"]

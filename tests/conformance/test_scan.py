@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import pytest
 
@@ -16,12 +16,7 @@ from tests.conformance.acts import (
     set_parameters,
     start_sparks,
 )
-from tests.conformance.peer import STATUS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.conformance.peer import Peer
+from tests.conformance.peer import STATUS, Peer
 
 QUEUE = 16
 HELD_UM = 5.0

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import secrets
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import pytest
 
 from tests.conformance import layouts, wire
 from tests.conformance.acts import ARMED_STATES, arm, assert_pulses_off, clear, lead, start_sparks
-from tests.conformance.peer import EVENT, STATE_NAMES, STATUS, loses_nothing
+from tests.conformance.peer import EVENT, STATE_NAMES, STATUS, Peer, loses_nothing
 from tests.conformance.test_delivery import PARAM, staged_is
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.conformance.peer import Peer
 
 HELLO = layouts.NAMES["HELLO"]
 HOST_SILENT = 1001

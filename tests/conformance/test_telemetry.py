@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from tests.conformance import layouts, wire
 from tests.conformance.acts import WORK_X_UM, arm, clear, move_x, start_pulses, start_sparks
+from tests.conformance.layouts import Fields
 from tests.conformance.lines import cut_the_power, press_reset
 from tests.conformance.peer import EVENT, STATE, Peer, loses_nothing
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.conformance.layouts import Fields
 
 PULSE_LOG = layouts.enum("PulseLog")
 PULSES_ON = layouts.enum("TlmFlags")["PULSES_ON"]

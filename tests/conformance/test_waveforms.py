@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.conformance import layouts, wire
 from tests.conformance.acts import OFF_US, ON_US, clear, lead, start_pulses, start_sparks
 from tests.conformance.lines import shorten_waveforms
-from tests.conformance.peer import STATUS
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from tests.conformance.peer import Peer, Reply
+from tests.conformance.peer import STATUS, Peer, Reply
 
 PULSES = layouts.ANSWERS[layouts.NAMES["PULSES"]]
 OPEN = layouts.enum("PulseClass")["OPEN"]

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pytest
 
 from tests.conformance.acts import ARMED_STATES, arm, disarm, lead, set_parameters
-
-if TYPE_CHECKING:
-    from tests.conformance.peer import Peer
+from tests.conformance.peer import Peer
 
 BELOW_UM, ABOVE_UM = 5.0, 25.0
 """The reading may lie so far below and above the zero."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import errno
 import threading
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import h5py
 import pytest
@@ -17,9 +17,6 @@ from edmctl.record.rows import RunEvent
 from tests.cli.commands import CU270, Here, Said
 from tests.faults.workshop import Workshop
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 QUICK = (
     'target={kind="depth",depth_um=6.0,tolerance_um=5.0}',

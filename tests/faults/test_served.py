@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -12,14 +11,11 @@ from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.record.reader import open_run
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.injection import parse_injection
-from tests.cli.commands import CU270
+from tests.cli.commands import CU270, Here
 from tests.faults.test_rows import QUICK, UNCONDITIONED
 from tests.faults.workshop import Workshop
 from tests.serving import serving
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from edmctl.link.frame import encode_frame
 from edmctl.simulator.bench import MemoryTransport, VirtualBench
+from edmctl.simulator.config import BenchConfig
 from edmctl.simulator.injection import parse_injection
-
-if TYPE_CHECKING:
-    from edmctl.simulator.config import BenchConfig
 
 ONE_TICK_S = 1e-3
 DAMAGED = bytearray(encode_frame(0x02, 0, 1, 0, b"twelve bytes"))

@@ -8,8 +8,10 @@ from __future__ import annotations
 import ctypes as ct
 import importlib
 import subprocess
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,10 +22,6 @@ from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.config import STM32
 from edmctl.simulator.plant import Plant
 from tests.firmware.cuts import OFFSET_UM, cut_on
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 SRAM, CCM = 0x20000000, 0x10000000
 RX_BYTES, TX_BYTES, SLOW_HALFWORDS = 1024, 4096, 128

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from random import Random
-from typing import TYPE_CHECKING
 
 from edmctl.link import messages as m
 from edmctl.link.session import Session
-from edmctl.simulator import BenchConfig, open_bench
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from edmctl.simulator import VirtualBench
+from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 
 DUTY_V = 12.0
 OFFSET_UM = 3.0

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import struct
 import subprocess
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from edmctl.board.board_build import sources_of, toolchain
 from edmctl.board.image import Elf, Section, seal
 from edmctl.core.boards import STM32F4
 from edmctl.core.build import source_folder
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror")
 _SECONDS = 300

@@ -10,16 +10,13 @@ import hashlib
 import math
 from copy import deepcopy
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from edmctl.link import messages as m
 from edmctl.link.frame import FrameDecoder, encode_frame
-from edmctl.simulator import BenchConfig, open_bench
+from edmctl.link.wire import Message, Param
+from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.injection import INJECTIONS, parse_injection
-
-if TYPE_CHECKING:
-    from edmctl.link.wire import Message, Param
-    from edmctl.simulator import VirtualBench
 
 ABORT_ZEROS = 8
 CAUSES = (m.ResetCause.WATCHDOG, m.ResetCause.BROWN_OUT, m.ResetCause.POWER_ON, m.ResetCause.EXTERNAL)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import subprocess
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
-from edmctl.board.board_build import build_board, toolchain
+from edmctl.board.board_build import BoardBuild, build_board, toolchain
 from edmctl.board.image import read_image
 from edmctl.core.boards import STM32F4
 from edmctl.core.build import CACHE_VARIABLE
@@ -15,11 +15,6 @@ from edmctl.errors import PreconditionError, RunFileError, installing
 from edmctl.link.messages import SCHEMA_HASH
 from tests.cli.commands import ROOT, command
 from tests.needs import BOARD_COMPILERS
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.board.board_build import BoardBuild
 
 SCRIPT = """
 MEMORY {

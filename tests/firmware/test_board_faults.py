@@ -5,8 +5,9 @@ from __future__ import annotations
 import importlib
 import itertools
 import sys
+from collections.abc import Callable, Iterator
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -15,9 +16,6 @@ from tests.conformance import acts, layouts
 from tests.conformance.lines import STM32, InProcess
 from tests.conformance.peer import STATE, STATUS, Peer
 from tests.needs import EMULATOR
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 pytestmark = EMULATOR
 

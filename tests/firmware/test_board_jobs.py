@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 import edmctl
 from edmctl.errors import EdmError, LinkLost, MachineFault
 from edmctl.machine.interface import EventCode
+from edmctl.simulator import BenchConfig
 from edmctl.simulator.config import FIRMWARE, STM32
 from edmctl.simulator.injection import parse_injection
 from tests.needs import EMULATOR
 from tests.procedures.conftest import Shop
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.simulator import BenchConfig
 
 pytestmark = EMULATOR
 

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import itertools
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import pytest
 
 from edmctl.link.messages import ResetCause
 from tests.conformance import acts, layouts, wire
-from tests.conformance.peer import STATE, STATUS
+from tests.conformance.peer import STATE, STATUS, Peer
 from tests.conformance.test_delivery import REBOOT_MAGIC
 from tests.firmware.test_board_faults import BACKUP_REGISTERS, ESTOP, FLASH_AT, PIEZO_TRACK, RESET, Rig
 from tests.needs import EMULATOR
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from tests.conformance.peer import Peer
 
 pytestmark = EMULATOR
 

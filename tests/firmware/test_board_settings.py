@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -16,9 +16,6 @@ from edmctl.errors import UsageError
 from edmctl.simulator import BenchConfig, open_bench
 from tests.firmware.image_bytes import image_bytes
 from tests.needs import EMULATOR
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 KNOWN = settings_of(source_folder())
 WRONG = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import struct
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -23,9 +23,6 @@ from tests.firmware.test_board_faults import (
     Rig,
 )
 from tests.needs import EMULATOR
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 pytestmark = EMULATOR
 

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import ctypes as ct
+from typing import Any
 
 import pytest
 
 from edmctl.link import messages as m
 from tests.firmware import board_twin
+from tests.firmware.board_twin import Cut
 from tests.needs import BOARD_COMPILERS, EMULATOR
-
-if TYPE_CHECKING:
-    import ctypes as ct
-
-    from tests.firmware.board_twin import Cut
 
 pytestmark = EMULATOR
 SECONDS, SEED = 2.0, 2

@@ -7,11 +7,12 @@ import re
 import shutil
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from edmctl.core import build
+from edmctl.core.build import Build
 from edmctl.core.library import RECORD_BYTES, Library, library, loaded
 from edmctl.errors import PreconditionError
 from edmctl.jobs import batch
@@ -20,11 +21,6 @@ from edmctl.jobs.plan import JobRequest
 from edmctl.jobs.surroundings import Unobserved
 from edmctl.study import running
 from edmctl.study.study import Study
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.core.build import Build
 
 
 @pytest.fixture

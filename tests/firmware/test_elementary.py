@@ -7,18 +7,15 @@ import hashlib
 import math
 import struct
 import subprocess
+from collections.abc import Callable, Iterator
 from decimal import Decimal, localcontext
+from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.core import build
 from edmctl.core.library import library
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
 
 RANGES = {
     "exp": (-700.0, 700.0),

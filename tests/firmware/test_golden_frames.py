@@ -6,15 +6,12 @@ import json
 import shlex
 import subprocess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from edmctl.core.build import compiler, source_folder
-from tools.generate.schema import load_schema
-
-if TYPE_CHECKING:
-    from tools.generate.schema import Field, Layout
+from tools.generate.schema import Field, Layout, load_schema
 
 GOLDEN = Path(__file__).parents[1] / "link" / "golden"
 HEAD = """\

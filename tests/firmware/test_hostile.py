@@ -8,21 +8,19 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from edmctl.core.build import REALS
 from edmctl.link import messages as m
 from edmctl.link.frame import FrameDecoder, encode_frame
+from edmctl.link.wire import Request
 from edmctl.simulator import BenchConfig, open_bench
 from tests.firmware.cuts import cut
 from tests.firmware.test_garbage import SANITIZERS, program
 from tests.needs import build_with_sanitizers
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from edmctl.link.wire import Request
 
 REBOOT_MAGIC = 0x0B007EDB
 ROOT = Path(__file__).parents[2]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import ctypes as ct
 import re
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,10 +15,6 @@ from edmctl.core.build import compiler, source_folder, source_version
 from edmctl.link import messages as m
 from tests.firmware.images import BuiltElf, built, compile_command, sources
 from tests.needs import BOARD_COMPILERS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
 
 FLASH, SRAM, CCM = 0x08000000, 0x20000000, 0x10000000
 KB = 1024

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import struct
 import zlib
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from edmctl.board.image import read_image
 from edmctl.errors import RecordError
 from tests.firmware.image_bytes import RECORD_AT, image_bytes
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.fixture

@@ -5,18 +5,15 @@ from __future__ import annotations
 import ctypes as ct
 import math
 import subprocess
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from edmctl.core.build import compiler, source_folder
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
 
 MOST_PULSES = 64
 PER_US = 84

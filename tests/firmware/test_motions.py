@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import pytest
 
@@ -10,9 +10,6 @@ from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
 from edmctl.simulator import BenchConfig
 from tests.simulator.conftest import Rig
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 CONTROLLERS = pytest.mark.parametrize("controller", ["firmware", "firmware-float"])
 FAST_UM_S = 20.0

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from functools import cache
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,10 +24,6 @@ from edmctl.planning.rules.load import load_profile
 from edmctl.profile.calibration import Calibration, Made, calibration_of
 from edmctl.profile.setup import Setup
 from tests.actuator.models import make_model
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 RATE_HZ = 200.0
 

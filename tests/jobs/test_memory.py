@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import weakref
+from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl import simulator
@@ -11,16 +13,12 @@ from edmctl.jobs.batch import Task
 from edmctl.jobs.batch import perform as perform_task
 from edmctl.jobs.parallel import silent_program
 from edmctl.jobs.plan import JobRequest
+from edmctl.simulator import VirtualBench
 from edmctl.study.running import evaluate, task_of
 from tests.study.studies import SMALL, made
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
     import pytest
-
-    from edmctl.simulator import VirtualBench
 
 
 def machines_alive(make_run: Callable[[], object], monkeypatch: pytest.MonkeyPatch) -> int:

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from random import Random
 
-if TYPE_CHECKING:
-    from random import Random
-
-    from edmctl.link.transport import Transport
+from edmctl.link.transport import Transport
 
 FATES = ("drop", "duplicate", "delay", "corrupt", "arrive")
 

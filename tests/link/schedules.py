@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from random import Random
-from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, LinkLost
 from edmctl.link import messages as m
 from edmctl.link.session import CommandRefused, Session
+from edmctl.link.wire import Request
 from edmctl.simulator import BenchConfig, open_bench
 from tests.link.lossy import Faults, LossyLine
-
-if TYPE_CHECKING:
-    from edmctl.link.wire import Request
 
 LOSS = Faults(drop=0.2, duplicate=0.1, delay=0.1, corrupt=0.05)
 COMMANDS = 12

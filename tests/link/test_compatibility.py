@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import zlib
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -21,10 +21,8 @@ from edmctl.link.messages import (
     Hello,
     Status,
 )
+from edmctl.link.wire import Request
 from tools.generate.schema import load_schema
-
-if TYPE_CHECKING:
-    from edmctl.link.wire import Request
 
 OURS: dict[str, Any] = json.loads(load_schema().canonical_json())
 

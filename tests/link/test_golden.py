@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict
+from typing import TypedDict
 
 import pytest
 
 from edmctl.link.frame import Frame, FrameDecoder, encode_frame
 from edmctl.link.messages import REQUESTS, UNSOLICITED, param_crc
-
-if TYPE_CHECKING:
-    from edmctl.link.wire import Message
+from edmctl.link.wire import Message
 
 TYPES: dict[str, type[Message]] = {
     kind.NAME: kind for kind in (*REQUESTS.values(), *UNSOLICITED.values())

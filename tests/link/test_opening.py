@@ -6,9 +6,9 @@ import errno
 import os
 import socket
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING
 
 import pytest
 import serial
@@ -18,9 +18,6 @@ from edmctl.files import lock_holder
 from edmctl.link import opening
 from edmctl.link.opening import known_ports, open_line
 from edmctl.link.ports import PortInfo
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 PATIENCE_S = 10.0
 LISTED = [PortInfo("/dev/ttyACM7"), PortInfo("/dev/ttyUSB3")]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import pytest
 from serial.tools import list_ports
@@ -18,10 +19,6 @@ from edmctl.link.ports import PortInfo, listed_ports, probable_ports
 from edmctl.link.probing import find, open_selector, probe
 from edmctl.simulator import BenchConfig, open_bench
 from tests.serving import serving
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
 
 BAUD = 500_000
 HELLO_S = 5.0

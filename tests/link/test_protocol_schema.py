@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from edmctl.link.faults import FAULTS
 from edmctl.link.messages import PARAMS, SCHEMA_HASH
 from tools.generate.schema import SCHEMA_PATH, SchemaError, load_schema
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SOURCE = SCHEMA_PATH.read_text(encoding="utf-8")
 

@@ -8,12 +8,12 @@ import socket
 import sys
 import threading
 import tty
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from time import monotonic
 from types import ModuleType
-from typing import TYPE_CHECKING
 
 import pytest
 import serial.tools.list_ports
@@ -23,10 +23,6 @@ from edmctl.errors import LinkLost
 from edmctl.link.opening import open_line
 from edmctl.link.serial_line import SCHEMES
 from tests.serving import bridged
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from contextlib import AbstractContextManager
 
 PATIENCE_S = 10.0
 ON_DEVICES = ("", "alt", "hwgrep", "spy")

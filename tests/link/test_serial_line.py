@@ -6,11 +6,11 @@ import os
 import socket
 import threading
 import tty
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic, sleep
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -23,9 +23,6 @@ from edmctl.link.session import HEARTBEAT_S, Session
 from edmctl.machine.interface import default_settings
 from edmctl.simulator import BenchConfig, open_bench
 from tests.serving import serving
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 BAUD = 500_000
 PATIENCE_S = 10.0

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from random import Random
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -34,11 +34,7 @@ from edmctl.link.messages import (
     TlmStop,
 )
 from edmctl.link.session import CommandRefused, Session
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.link.wire import Message
+from edmctl.link.wire import Message
 
 TLM = Tlm(counter=0, t0_us=0, period_us=1000, n=0, dropped=0, records=b"")
 EVENT = Event(1, 0, EventCode.MOVE_DONE, 0, 0.0, 0.0)

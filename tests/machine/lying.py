@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from random import Random
-from typing import TYPE_CHECKING
 
 from cobs import cobs
 
 from edmctl.link.frame import Frame, encode_frame
 from edmctl.link.messages import Event
+from edmctl.link.transport import Transport
 from edmctl.machine.interface import EventCode
 from tools.generate.schema import load_schema
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.link.transport import Transport
 
 CHECK_BYTES = 4
 HEADER = ("type", "seq", "session", "status")

@@ -19,6 +19,7 @@ from edmctl.machine.interface import (
     JumpRequest,
     MachineState,
     PulseLog,
+    TelemetryBlock,
     TelemetryFlag,
     TouchRequest,
 )
@@ -26,8 +27,6 @@ from edmctl.machine.interface import (
 from .conftest import PULSES, SETTINGS, TELEMETRY, Heard
 
 if TYPE_CHECKING:
-    from edmctl.machine.interface import TelemetryBlock
-
     from .conftest import MakeRig
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from random import Random
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from edmctl.errors import LinkLost
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import Tlm
 from edmctl.link.session import Session
+from edmctl.link.transport import Transport
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.inbox import OLDEST_SAMPLE_S
 from edmctl.machine.interface import Axis, JumpRequest, MachineState, TouchRequest
@@ -20,10 +22,6 @@ from edmctl.simulator.plant_records import TICK_S
 from .conftest import TELEMETRY, Heard
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.link.transport import Transport
-
     from .conftest import MakeRig, Rig
 
 FOUND_S = OLDEST_SAMPLE_S + 0.2

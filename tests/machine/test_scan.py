@@ -8,11 +8,9 @@ import pytest
 
 from edmctl.errors import PreconditionError
 from edmctl.machine.interface import Axis, CutRequest, EventCode, MachineEvent, MachineState, ScanLine
-from tests.machine.conftest import REFERENCE_V
+from tests.machine.conftest import REFERENCE_V, Rig
 
 if TYPE_CHECKING:
-    from tests.machine.conftest import Rig
-
     from .conftest import MakeRig
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 from dataclasses import replace
 from random import Random
 from typing import TYPE_CHECKING
@@ -14,6 +15,8 @@ from edmctl.errors import Interrupted, MachineFault
 from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.link_errors import CommandRefused
 from edmctl.link.messages import PARAMS, Fault
+from edmctl.link.transport import Transport
+from edmctl.machine.controller import LinkMachine
 from edmctl.machine.faults import fault_error, host_fault
 from edmctl.machine.interface import Axis, CutRequest, JumpRequest, MachineState
 from edmctl.machine.stop import StopRequest
@@ -22,11 +25,6 @@ from .conftest import PULSES, REFERENCE_V, SETTINGS, TELEMETRY
 from .lying import LyingLine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.link.transport import Transport
-    from edmctl.machine.controller import LinkMachine
-
     from .conftest import MakeRig
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -19,9 +18,6 @@ from edmctl.planning.removal import (
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Controller, Sensor, Setup
 from edmctl.results.result import Forecast
-
-if TYPE_CHECKING:
-    from edmctl.results.result import Forecast
 
 
 def forecast_of(name: str, *overrides: str) -> Forecast:

@@ -7,8 +7,8 @@ import hashlib
 import os
 import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -33,9 +33,6 @@ from edmctl.profile.calibration import (
 from edmctl.profile.folders import find_kept, kept_path
 from edmctl.profile.tables import content_hash
 from tests.planning.rules.documents import place_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 PAGE = Path(__file__).parents[2] / "docs/calibration-file.md"
 MADE = Made(utc="2026-01-02T03:04:05Z", edmctl="0.1.0", serial="SIM-7", simulated=True)

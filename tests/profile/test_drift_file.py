@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,10 +26,6 @@ from edmctl.profile.folders import kept_path
 from edmctl.profile.hashed_file import HASH
 from edmctl.profile.setup import Drift, Sensor, Setup, load_setup
 from edmctl.profile.tables import content_hash
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 N = len(TIME_CONSTANTS_S)
 

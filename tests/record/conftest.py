@@ -1,20 +1,16 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.app import main
+from edmctl.record.rows import RunMeta
 from edmctl.record.writer import RunWriter
 from tests.golden import once
 from tests.record.samples import a_meta, fill
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.record.rows import RunMeta
 
 
 @pytest.fixture

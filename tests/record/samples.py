@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
-from edmctl.record.rows import RunMeta, ServoBlock, SlowRow, SourceText, Summary, TouchRow, profile_leaves
+from edmctl.record.rows import (
+    Recorder,
+    Row,
+    RunMeta,
+    ServoBlock,
+    SlowRow,
+    SourceText,
+    Summary,
+    TouchRow,
+    profile_leaves,
+)
 from edmctl.record.writer import RunWriter
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import PulseBlockBatch, PulseShares, PulseTrain, TelemetryBlock
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.record.rows import Recorder, Row
 
 PROFILE = {"servo": {"reference": 0.8, "forward_um_s": 5.0}, "meta": {"name": "cu270"}, "jump": {"on": True}}
 

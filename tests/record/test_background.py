@@ -5,7 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import threading
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -15,15 +16,9 @@ from edmctl.errors import RunFileError
 from edmctl.record import layout
 from edmctl.record import writer as writing
 from edmctl.record.reader import open_run
-from edmctl.record.rows import EventLevel, EventRow, Summary
+from edmctl.record.rows import EventLevel, EventRow, Row, RunMeta, Summary
 from edmctl.record.writer import BackgroundWriter, RunWriter
 from tests.record.samples import a_site_row, a_touch, fill, servo_block, slow_row, train
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
-    from edmctl.record.rows import Row, RunMeta
 
 LONG_S = 30.0
 """Of a wait that ends with an event long before, unless something is broken."""

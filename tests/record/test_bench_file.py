@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from edmctl.errors import RunFileError
 from edmctl.record.bench_file import SCHEMA, bench_lock, read_bench, write_bench
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 STATE = {
     "plant": {

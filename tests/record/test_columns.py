@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
@@ -19,9 +19,6 @@ from edmctl.record.delimited import Table
 from edmctl.record.layout import SERVO
 from edmctl.record.reader import open_run
 from tests.report.made_up import a_cut, finished
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 ROWS = "0,1.5,-3\n0.005,2.5,-1.25e-1\n"
 HEADER = "t_s,u_V,y_um\n"

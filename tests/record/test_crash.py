@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,12 +14,10 @@ import pytest
 from edmctl.errors import RunFileError
 from edmctl.record import recovery
 from edmctl.record.reader import open_run
+from edmctl.record.rows import RunMeta
 from edmctl.record.writer import RunWriter
 from tests.record.samples import fill
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from edmctl.record.rows import RunMeta
 
 ROOT = Path(__file__).parents[2]
 

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.errors import EdmError, LinkLost, MachineFault, RunFileError
 from edmctl.record import disk as disks
 from edmctl.record.disk import DiskThread
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 PATH = Path("a.journal")
 LONG_S = 30.0

@@ -6,8 +6,10 @@ No reader waits for it, and none calls a file in use damaged.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -22,10 +24,6 @@ from edmctl.record.opening import verify_checksum
 from edmctl.record.reader import heads_of, open_run, read_head, reading
 from edmctl.results.run_file import Unreadable
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 VAST = 10**13
 

@@ -6,7 +6,8 @@ import json
 import math
 import os
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,9 +21,6 @@ from edmctl.record.journal import (
     read_journal,
     write_journal,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 JOB = JournalledJob(
     run_id="a", start="2026-01-31T10:15:00.250+00:00", profile="/somewhere/cu150.toml",

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import h5py
 import pytest
 
 from edmctl.record import layout, rows
 from edmctl.record.reader import open_run
-from edmctl.record.rows import EventRow, profile_leaves, unit_of
+from edmctl.record.rows import EventRow, RunMeta, profile_leaves, unit_of
 from edmctl.results.telemetry import PulseBlockBatch
 from tests.record.samples import finished
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.record.rows import RunMeta
 
 TOML = "# a comment\n[servo]\nreference = 0.80\n"
 

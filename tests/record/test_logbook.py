@@ -8,8 +8,10 @@ import math
 import multiprocessing
 import os
 import re
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,9 +20,11 @@ from edmctl.record import ledger
 from edmctl.record.ledger import (
     FILE_NAME,
     UNFINISHED,
+    Entry,
     JobBegun,
     Ledger,
     Line,
+    MachineHistory,
     ReferenceTouched,
     RunEnded,
     SiteMachined,
@@ -29,12 +33,6 @@ from edmctl.record.ledger import (
     history_of,
     text_of,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from edmctl.record.ledger import Entry, MachineHistory
 
 SERIAL = "SIM-1"
 LINES_EACH = 40

@@ -5,7 +5,8 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -17,10 +18,6 @@ from edmctl.record.rows import TruthMap
 from edmctl.record.writer import RunWriter
 from tests.record.samples import a_meta, fill
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 PLOTS = [table for table in layout.TABLES if table.signal]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -18,6 +18,7 @@ from edmctl.record.reader import (
     JUMP_DONE,
     TOUCH,
     RecordedState,
+    RunFile,
     estimated_depth,
     open_run,
     read_head,
@@ -25,16 +26,10 @@ from edmctl.record.reader import (
     recorded_events,
     sites_of,
 )
-from edmctl.record.rows import EventLevel, EventRow, RunEvent
+from edmctl.record.rows import EventLevel, EventRow, Row, RunEvent
 from edmctl.results.declared import quantities, stored_columns
 from edmctl.results.job import SiteResult
 from tests.record.samples import a_site_row, finished, slow_row
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.record.reader import RunFile
-    from edmctl.record.rows import Row
 
 
 def test_every_code_and_state_is_that_of_its_writer() -> None:

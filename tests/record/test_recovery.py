@@ -7,9 +7,10 @@ import random
 import shutil
 import signal
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
@@ -26,9 +27,6 @@ from tests.golden import once
 from tests.record.samples import a_meta, fill, finished, servo_block
 from tests.record.test_crash import KILLED, start
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 @pytest.fixture

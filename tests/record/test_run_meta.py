@@ -5,17 +5,13 @@ from __future__ import annotations
 import tomllib
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.jobs.corrections import Choice, ModelUsed
 from edmctl.jobs.plan import JobRequest, check
 from edmctl.jobs.run_header import name_run, run_meta
 from edmctl.machine.interface import MachineIdentity
 from edmctl.profile.setup import Setup
-from edmctl.record.rows import unit_of
-
-if TYPE_CHECKING:
-    from edmctl.record.rows import RunMeta
+from edmctl.record.rows import RunMeta, unit_of
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 

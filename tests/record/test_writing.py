@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -12,15 +12,10 @@ import pytest
 from edmctl.record import layout
 from edmctl.record import rows as kinds
 from edmctl.record.reader import open_run
-from edmctl.record.rows import EventLevel, EventRow, NullRecorder, Summary, TruthMap
+from edmctl.record.rows import EventLevel, EventRow, NullRecorder, Row, RunMeta, Summary, TruthMap
 from edmctl.record.writer import RunWriter
 from tests.record.samples import a_site_row, a_touch, fill, finished, servo_block, slow_row, train
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.record.rows import Row, RunMeta
 
 
 @pytest.fixture

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from edmctl.app import main
 from edmctl.record.reader import open_run
 from edmctl.report import panels
+from edmctl.report.html import Picture
 from tests.cli.commands import CU270, ROOT
 from tests.faults.workshop import Workshop
 from tests.golden import once
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.report.html import Picture
 
 
 def _machined(

@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import importlib.util
 import struct
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
 
+from pathlib import Path
+
 from edmctl.errors import PreconditionError, UsageError, installing
 from edmctl.report import panels
 from edmctl.report.figures.comparisons import Trial
 from edmctl.report.figures.comparisons import draw_models as draw_trials
+from edmctl.report.html import Picture
 from edmctl.report.kinds import KINDS, check_figure
 from edmctl.report.panels import Block, NothingToDraw, house_style, new_figure, rendered, time_unit
 from edmctl.report.signals import broken
 from tests.report.drawing import drawn, overlaps, texts, texts_of
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.report.html import Picture
 
 T_S = np.arange(4000) / 1000.0
 U_V = 60.0 * (1.0 - np.cos(2.0 * np.pi * T_S))

@@ -12,6 +12,8 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from pathlib import Path
+
 from edmctl.labels import Basis
 from edmctl.process import channel as ways
 from edmctl.record.reader import open_run
@@ -20,17 +22,14 @@ from edmctl.report.figures.channel import Channel, channel_figure
 from edmctl.report.figures.holes import scale_of, sections_of, short_names
 from edmctl.report.panels import house_style, rendered
 from edmctl.report.removal import along, hole_starts_s, known_depths, lengths_um, planned_path, removal
+from edmctl.results.job import SiteResult
 from tests.record.samples import a_site_row
 from tests.report import made_up
 from tests.report.drawing import drawn, points_of, texts, texts_of, why_not
 from tests.report.made_up import finished
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from matplotlib.axes import Axes
-
-    from edmctl.results.job import SiteResult
 
 SQUARE: dict[str, dict[str, object]] = {
     "path": {"kind": "rectangle", "x_um": 500.0, "y_um": 100.0, "width_um": 200.0, "height_um": 100.0},

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
+
+from pathlib import Path
 
 from edmctl.record.reader import JUMP_DONE, RecordedState, open_run
 from edmctl.record.rows import EventLevel, EventRow, RunEvent
@@ -20,9 +22,6 @@ from edmctl.results.telemetry import WaveformBatch
 from tests.report import made_up
 from tests.report.drawing import data, drawn, overlaps, texts, why_not, width_mm
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.fixture

@@ -11,6 +11,8 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from pathlib import Path
+
 from edmctl.record.reader import RecordedState, open_run
 from edmctl.report.signals import envelopes, rows_worked, spans_in
 from tests.record.samples import slow_row
@@ -19,8 +21,6 @@ from tests.report.made_up import IDLE, TOUCH, a_cut, a_touch, finished, sites
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from matplotlib.figure import Figure
 
 KINDS = ("gap", "displacement", "steps", "touching")

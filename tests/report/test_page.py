@@ -7,7 +7,8 @@ import re
 import shutil
 import subprocess
 from html.parser import HTMLParser
-from typing import TYPE_CHECKING, ClassVar
+from pathlib import Path
+from typing import ClassVar
 from xml.etree import ElementTree
 
 import h5py
@@ -17,14 +18,10 @@ import pytest
 from edmctl.errors import EdmError
 from edmctl.jobs.runs.opening import reading_unless_killed
 from edmctl.record.reader import open_run
+from edmctl.report.html import Picture
 from edmctl.report.kinds import KINDS, kind_called
 from edmctl.report.page import pictures_of, render_page
 from edmctl.results.run_file import Sentence
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.report.html import Picture
 
 SENTENCES = [
     Sentence(0.0, "Wanted was a hole.", "EVENT"),

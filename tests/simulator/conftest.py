@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from random import Random
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from edmctl.link import messages as m
 from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
 DUTY_V = 12.0
 

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.core.library import library
 from edmctl.link.messages import PulseClass
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from edmctl.simulator.plant import Plant
+from edmctl.simulator.plant import Plant
 
 PULSE = np.dtype([("pulse_class", "u1"), ("delay_us", "f8"), ("discharge_us", "f8"), ("plateau_v", "f8")])
 

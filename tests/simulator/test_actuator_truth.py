@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from edmctl.core.library import library
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.plant import Plant
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 def drive(plant: Plant, actuator_v: NDArray[np.float64]) -> NDArray[np.float64]:

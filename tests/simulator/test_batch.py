@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import deepcopy
-from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.link import messages as m
 from edmctl.simulator import VirtualBench, run_many
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.simulator.conftest import Rig
+from tests.simulator.conftest import Rig
 
 TICKS = 200
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
 from edmctl.link import messages as m
 from edmctl.link.session import CommandRefused
 from edmctl.simulator import BenchConfig
-
-if TYPE_CHECKING:
-    from tests.simulator.conftest import RigMaker
+from tests.simulator.conftest import RigMaker
 
 TOUCH = m.TouchOff(20.0, 40.0, 1.0, 90.0, 5.0, 0.3, 3)
 

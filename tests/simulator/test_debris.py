@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from edmctl.core.library import library
 from edmctl.link.messages import PulseClass
@@ -17,9 +18,6 @@ from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_records import TICK_NS, TICK_S
 from tests.simulator import struck_pulses
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 D = DischargeConstants()
 ON_TIME_US, OFF_TIME_US = 130.435, 304.348

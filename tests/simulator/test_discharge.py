@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from edmctl.link.messages import PulseClass
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.plant import BLOCK, Plant
 from tests.simulator.struck_pulses import strike
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 ON_TIME_US = 130.435
 # Normalised mean gap voltage against the gap, clean oil, 40 V, 30 %.

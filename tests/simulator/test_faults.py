@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -13,9 +12,7 @@ from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.session import CommandRefused
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.injection import parse_injection
-
-if TYPE_CHECKING:
-    from tests.simulator.conftest import Rig, RigMaker
+from tests.simulator.conftest import Rig, RigMaker
 
 TOUCH = m.TouchOff(20.0, 40.0, 5.0, 90.0, 5.0, 0.1, 1)
 NEAR = BenchConfig(offset_um=20.0)

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.plant import Plant
-from edmctl.simulator.plant_records import STUCK_AT_CONTACT, STUCK_AT_GENERATOR
+from edmctl.simulator.plant_records import STUCK_AT_CONTACT, STUCK_AT_GENERATOR, Drive, Readings
 from tests.conformance import acts
 from tests.conformance.lines import InProcess
 from tests.conformance.peer import Peer
-
-if TYPE_CHECKING:
-    from edmctl.simulator.plant_records import Drive, Readings
 
 
 class Told:

@@ -8,9 +8,9 @@ import shlex
 import struct
 import subprocess
 import sys
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -21,9 +21,6 @@ from edmctl.simulator import BenchConfig
 from edmctl.simulator.plant import Plant
 from tests.firmware.test_garbage import program
 from tests.simulator.golden_core import SAMPLE, golden, session
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
 
 ROOT = Path(__file__).parents[2]
 FUSED = "-O2 -mfma -mavx2"

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from copy import deepcopy
+from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,14 +26,10 @@ from edmctl.simulator import (
 )
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.plant import BLOCK
+from edmctl.simulator.plant_records import Drive, Readings
 from edmctl.simulator.saving import bench_state, restored_bench
+from tests.simulator.conftest import Rig, RigMaker
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.simulator.plant_records import Drive, Readings
-    from tests.simulator.conftest import Rig, RigMaker
 
 NEAR = BenchConfig(offset_um=20.0, discharge=DischargeConstants(scatter=0.4))
 

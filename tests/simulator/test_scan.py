@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,9 +10,7 @@ import pytest
 from edmctl.link import messages as m
 from edmctl.simulator import BenchConfig, DischargeConstants, SensorConstants, plant
 from edmctl.simulator.saving import bench_state, restored_bench
-
-if TYPE_CHECKING:
-    from tests.simulator.conftest import Rig, RigMaker
+from tests.simulator.conftest import Rig, RigMaker
 
 DUTY_V = 12.0
 REFERENCE_V = 0.8 * DUTY_V

@@ -6,10 +6,11 @@ import os
 import socket
 import threading
 import time
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -23,9 +24,6 @@ from edmctl.simulator import BenchConfig, open_bench, serve
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.serve import Endpoint, EventMonitor, PtyEndpoint, Server, SocketEndpoint
 from tests.serving import serving
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 NEAR = BenchConfig(offset_um=20.0)
 HELLO = encode_frame(m.Hello.ID, 0, 9, 0, m.Hello(m.PROTO_MAJOR, m.PROTO_MINOR, 77, m.SCHEMA_HASH).pack())

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pytest
 
 from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
 from edmctl.link.session import CommandRefused
+from edmctl.link.wire import Message, Request
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.injection import parse_injection
-
-if TYPE_CHECKING:
-    from edmctl.link.wire import Message, Request
-    from tests.simulator.conftest import Rig, RigMaker
+from tests.simulator.conftest import Rig, RigMaker
 
 NEAR = BenchConfig(offset_um=20.0)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -12,9 +11,7 @@ from edmctl.link import messages as m
 from edmctl.process.erosion import GapLaw
 from edmctl.simulator import BenchConfig, DischargeConstants
 from edmctl.simulator.injection import parse_injection
-
-if TYPE_CHECKING:
-    from tests.simulator.conftest import Rig, RigMaker
+from tests.simulator.conftest import Rig, RigMaker
 
 DUTY_V = 12.0
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -13,9 +12,7 @@ from edmctl.link import messages as m
 from edmctl.simulator import BenchConfig, SensorConstants
 from edmctl.simulator.plant_records import TICK_S
 from edmctl.simulator.saving import bench_state, restored_bench
-
-if TYPE_CHECKING:
-    from tests.simulator.conftest import Rig, RigMaker
+from tests.simulator.conftest import Rig, RigMaker
 
 FOIL = BenchConfig(
     tool_diameter_um=80.0,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,8 +15,6 @@ from edmctl.simulator.config import SensorConstants
 from edmctl.simulator.plant import serial_number
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from .conftest import Rig
 
 NO_SENSOR = BenchConfig(sensors=SensorConstants(fitted=False))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
@@ -15,11 +15,7 @@ from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.saving import bench_state, restored_bench
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from tests.simulator.conftest import Rig, RigMaker
+from tests.simulator.conftest import Rig, RigMaker
 
 NEAR = BenchConfig(offset_um=20.0)
 ON_US, OFF_US = 130.435, 304.348

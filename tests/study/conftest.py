@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pytest
 
-from edmctl.study.folder import open_folder
+from edmctl.study.folder import StudyFolder, open_folder
 from edmctl.study.running import run_virtual
 from tests.golden import once
 from tests.study.studies import Unseen, made
-
-if TYPE_CHECKING:
-    from edmctl.study.folder import StudyFolder
 
 
 @pytest.fixture(scope="session")

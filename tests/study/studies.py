@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from edmctl.dataclasses import replace
-from edmctl.study.folder import create_folder
+from edmctl.study.folder import StudyFolder, StudyState, create_folder
 from edmctl.study.planning import plan_study
-from edmctl.study.results import RunState
+from edmctl.study.results import PlannedRun, RunState
 from edmctl.study.running import bare_row, evaluate, task_of
 from edmctl.study.study_file import read_study
 from edmctl.study.table import OF_EXECUTION, table_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from pathlib import Path
-
-    from edmctl.study.folder import StudyFolder, StudyState
-    from edmctl.study.results import PlannedRun
 
 HURRIED = """
 set = [

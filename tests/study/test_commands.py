@@ -6,22 +6,17 @@ import csv
 import io
 import shutil
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from edmctl.profile.folders import shipped_studies
 from edmctl.study.commands import _suggestion
-from edmctl.study.folder import open_folder
+from edmctl.study.folder import StudyFolder, open_folder
 from edmctl.study.results import RunKind
 from edmctl.study.suggestions import suggested_runs
+from tests.cli.commands import Here
 from tests.study.studies import written
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.study.folder import StudyFolder
-    from tests.cli.commands import Here
 
 
 @pytest.fixture

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from edmctl.errors import ProfileError, UsageError
 from edmctl.profile.folders import find_study, shipped_studies
 from edmctl.study.planning import plan_study
-from edmctl.study.results import RunKind
+from edmctl.study.results import RunKind, StudyPlan
 from edmctl.study.study_file import read_study
 from tests.study.studies import FULL, HEAD, RESPONSES, SMALL, THREE_FACTORS, TWO_FACTORS, written
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.study.results import StudyPlan
 
 RANGES = """
 [[factors]]

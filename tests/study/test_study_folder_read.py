@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.study.folder import StudyFolder
+from tests.cli.commands import Here
 from tests.cli.test_files_read import made
 from tests.study import studies
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from edmctl.study.folder import StudyFolder
-    from tests.cli.commands import Here
 
 FILES = ("plan.json", "study.toml", "profile.toml", "rows/0.jsonl", "rows/suggestions.lock")
 LOCKING = ("suggest DIR --add", "extend DIR", "confirm DIR --workers 1")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +13,6 @@ from edmctl.errors import UsageError
 from edmctl.study.results import Judgement
 from edmctl.study.study import Study
 from tests.study.studies import FULL, HEAD, RANGES, RESPONSES, made, make_some, written
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 IN_RANGES = f"{HEAD}{RANGES}{FULL}{RESPONSES}"
 

@@ -5,35 +5,29 @@ from __future__ import annotations
 import json
 import math
 import signal
+from collections.abc import Sequence
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from edmctl.app import main
-from edmctl.errors import EdmWarning, Interrupted, MachineFault, PreconditionError, UsageError
+from edmctl.errors import Diagnostic, EdmWarning, Interrupted, MachineFault, PreconditionError, UsageError
+from edmctl.jobs.plan import Plan
 from edmctl.jobs.surroundings import Surroundings
 from edmctl.machine.stop import StopRequest
+from edmctl.results.progress import Progress
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.injection import parse_injection
+from edmctl.study.folder import StudyFolder
 from edmctl.study.on_machine import MachineRuns, run_on_machine
-from edmctl.study.results import RunState
+from edmctl.study.results import RunState, StudyRun
 from edmctl.study.running import bare_row
 from edmctl.study.study import Study
 from edmctl.study.suggestions import confirmation_runs
 from edmctl.study.table import what_next
 from tests.serving import serving
 from tests.study.studies import MACHINE, SMALL, Unseen, made
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from edmctl.errors import Diagnostic
-    from edmctl.jobs.plan import Plan
-    from edmctl.results.progress import Progress
-    from edmctl.study.folder import StudyFolder
-    from edmctl.study.results import StudyRun
 
 
 def agree(run: StudyRun, plan: Plan) -> bool:

@@ -6,6 +6,7 @@ import itertools
 import math
 import re
 import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cache, partial
@@ -38,15 +39,11 @@ from edmctl.study.results import (
     StudyRun,
 )
 from edmctl.study.running import bare_row
-from edmctl.study.statistics.response_analysis import analyse
+from edmctl.study.statistics.response_analysis import ResponseAnalysis, analyse
 from edmctl.wording import significant, to_its_u95
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from matplotlib.figure import Figure
-
-    from edmctl.study.statistics.response_analysis import ResponseAnalysis
 
 HOSTILE = "<b>tool</b> & $x$"
 GAP, DUTY = FactorInfo("servo.reference", "reference", (0.7, 0.8, 0.9), is_number=True), "duty"

@@ -11,25 +11,21 @@ import sys
 import threading
 import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from edmctl.dataclasses import replace
 from edmctl.errors import PreconditionError
 from edmctl.jobs.parallel import FEEDER, Lost, Pool, perform, pool_of
-from edmctl.study.folder import open_folder, read_rows
+from edmctl.study.folder import StudyFolder, open_folder, read_rows
 from edmctl.study.results import Judgement, RunState
 from edmctl.study.running import run_virtual
 from edmctl.study.table import missing_manual, reported_values, table_of
 from tests.cli.commands import in_process_of_its_own
 from tests.study.studies import Unseen, come_to, made, make_some, outcome, written
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.study.folder import StudyFolder
 
 
 def spawned() -> Executor:

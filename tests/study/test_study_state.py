@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -13,22 +14,15 @@ from edmctl.dataclasses import replace
 from edmctl.errors import PreconditionError, RunFileError, UsageError
 from edmctl.jobs.plan import MachineAddress
 from edmctl.record.json_rows import SUFFIX
-from edmctl.study.folder import create_folder, open_folder
+from edmctl.study.folder import StudyFolder, create_folder, open_folder
 from edmctl.study.on_machine import is_of_next_tool, next_order
 from edmctl.study.planning import plan_study
-from edmctl.study.results import Judgement, RunKind, RunState
+from edmctl.study.results import Judgement, PlannedRun, RunKind, RunState
 from edmctl.study.running import bare_row, refuse_mixture
 from edmctl.study.study_file import read_study
 from edmctl.study.suggestions import next_batch, suggestions
 from edmctl.study.table import what_next
 from tests.study.studies import HEAD, MACHINE, RANGES, RESPONSES, SMALL, come_to, made, written
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from edmctl.study.folder import StudyFolder
-    from edmctl.study.results import PlannedRun
 
 BY_HAND = (
     HEAD

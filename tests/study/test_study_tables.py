@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,18 +12,14 @@ import pytest
 from edmctl.app import main
 from edmctl.study.analysis import analysis_of
 from edmctl.study.design import value_at
+from edmctl.study.folder import StudyFolder
 from edmctl.study.report import StudyReport, mapping_of, render_study_page, report_of
 from edmctl.study.report.contents import what_matters
+from edmctl.study.results import PlannedRun
 from edmctl.study.running import lost_row
 from edmctl.study.suggestions import confirmation_runs, suggested_runs
 from tests.study.studies import FULL, HEAD, RESPONSES, SMALL, come_to, made
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.study.folder import StudyFolder
-    from edmctl.study.results import PlannedRun
 
 THREE_LEVELS = [("servo.reference", [0.7, 0.75, 0.8]), ("pulse.duty", [0.2, 0.3, 0.4])]
 TWO_LEVELS = [("servo.reference", [0.7, 0.8]), ("pulse.duty", [0.2, 0.4]), ("pulse.current_a", [0.08, 0.12])]

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 import edmctl
 from edmctl.errors import ProfileError, UsageError
+from edmctl.study.folder import StudyFolder
 from edmctl.study.planning import plan_study
 from edmctl.study.running import bare_row
 from edmctl.study.study_file import read_study
 from edmctl.study.table import reported_table, reported_values
+from tests.cli.commands import Here
 from tests.study.studies import FULL, SMALL, made, written
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.study.folder import StudyFolder
-    from tests.cli.commands import Here
 
 BOUNDED = SMALL.replace('unit = "µm"', 'unit = "µm"\nlow = 0.0\nhigh = 5.0')
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from tools.generate import __main__ as generate
 from tools.generate.text import filled
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.mark.needs("ruff")

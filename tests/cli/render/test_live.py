@@ -6,19 +6,15 @@ import io
 import math
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import pytest
 from rich.cells import cell_len
 
 from edmctl.cli.render.live import LiveReporter, count_bar, depth_bar, draw_view, pulse_bar
-from edmctl.cli.render.terminal import Style
+from edmctl.cli.render.terminal import Span, Style
+from edmctl.results.progress import Progress
 from edmctl.results.telemetry import PulseShares
 from tests.cli.render.views import HandClock, made_state
-
-if TYPE_CHECKING:
-    from edmctl.cli.render.terminal import Span
-    from edmctl.results.progress import Progress
 
 PLAIN_VIEW = Style(colour=False, live=True)
 ASCII_VIEW = Style(colour=False, live=True, unicode=False)

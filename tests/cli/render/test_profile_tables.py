@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -12,9 +11,7 @@ from edmctl.cli.render.terminal import Style
 from edmctl.planning.forecast import forecast
 from edmctl.planning.rules.load import load_profile, summaries
 from edmctl.profile.setup import Setup
-
-if TYPE_CHECKING:
-    from edmctl.toml_text import Scalar
+from edmctl.toml_text import Scalar
 
 
 def table_of(name: str, *overrides: str) -> dict[str, list[str]]:

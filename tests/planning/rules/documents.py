@@ -5,14 +5,11 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, EdmError, ProfileError
 from edmctl.planning.rules.load import LoadedProfile, load_profile
 from edmctl.profile.folders import shipped_folder
-
-if TYPE_CHECKING:
-    from edmctl.profile.setup import Setup
+from edmctl.profile.setup import Setup
 
 NAMES = ("cu270", "cu150", "w252")
 NEWER = ("array-3x3", "channel-rectangle", "channel-circle", "channel-spiral", "foil-through")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -12,10 +11,8 @@ from edmctl.planning.channel import EVEN_OUT_PASSES, Channel, way_of_path
 from edmctl.planning.forecast import forecast
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Setup
+from edmctl.results.result import Forecast
 from tests.planning.rules.documents import problems
-
-if TYPE_CHECKING:
-    from edmctl.results.result import Forecast
 
 DEEP = "limits.max_time_s=1e5 jump.height_um=70"
 COPPER = "tool.material=Cu wear.expected_ratio=0.427"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -19,10 +20,6 @@ from tests.planning.rules.documents import (
     written_keys,
 )
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 TYPE_CODES = {Code.WRONG_TYPE, Code.NOT_A_CHOICE, Code.SCHEMA_VERSION, Code.EXTENDS}
 RANGE_CODES = {Code.OUT_OF_RANGE, Code.NOT_A_CHOICE, Code.SCHEMA_VERSION}

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,9 +23,6 @@ from edmctl.study.statistics.linear_model import (
     with_interactions,
 )
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 
 def of_statsmodels(formula: str, columns: Mapping[str, object]) -> Any:

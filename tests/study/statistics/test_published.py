@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from edmctl.study.analysis import grey_relational_grade
 from edmctl.study.statistics.designs import arrays
 from edmctl.study.statistics.linear_model import (
+    Anova,
+    AnovaRow,
     Settings,
+    Term,
     anova,
     fit,
     main_effects,
@@ -30,11 +33,6 @@ from edmctl.study.statistics.response_analysis import (
     response_table,
     signal_to_noise_db,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from edmctl.study.statistics.linear_model import Anova, AnovaRow, Term
 
 
 def is_printed(value: float, printed: str) -> bool:
