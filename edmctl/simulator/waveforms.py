@@ -1,7 +1,7 @@
 """What a fault freezes of the gap: the waveforms of the pulses about it.
 
-The plant knows a pulse by its ignition delay, discharge time and plateau; firmware/plant/pulse_shape.c makes of it what an
-oscilloscope would show. The black box is in the core (firmware/core/blackbox.c).
+The plant knows a pulse by its ignition delay, discharge time and plateau; firmware/plant/pulse_shape.c makes the
+waveform of it that an oscilloscope would show. The black box is in the core (firmware/core/blackbox.c).
 """
 
 from __future__ import annotations
