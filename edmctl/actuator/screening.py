@@ -25,6 +25,7 @@ MOST_START_SHARE = 0.2  # a start that takes longer is no start
 FAR, USUAL = 2.5, 95.0
 """A start rings where it is so many times above the percentile of the parts that follow."""
 OUTLIER_SDS = 6.0
+OFTEN = 1e-4  # share of single outliers that suggests a loose contact
 MOST_OUTLIERS_SHARE = 1e-3  # more of them are the sensor's way to read, not single ones
 LATE_SHARE = 0.5  # a sample is no outlier where it may be late by this share of a sample
 LEAST_V = 1e-9
@@ -61,8 +62,9 @@ class Screening:
                 )
             if outliers:
                 notes.append(
-                    f"Without weight, since they stand out singly by {OUTLIER_SDS:g} times the noise or more: "
-                    f"{outliers} of the samples of {record.name}. Look for a loose cable where they come often."
+                    f"{outliers} of the {len(record.t_s)} samples of {record.name} differ from the fit by "
+                    f"{OUTLIER_SDS:g} times the noise or more and get no weight."
+                    + (" Look for a loose cable." if outliers > OFTEN * len(record.t_s) else "")
                 )
         return notes
 

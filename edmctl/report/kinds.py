@@ -52,17 +52,17 @@ KINDS = (
     ),
     Kind(
         "steps", "readings", "Surface, bottom and surface again",
-        "The readings Z1 (surface before), Z2 (bottom) and Z3 (surface after) of each hole, and the lengths "
-        "between them: depth is Z2 − Z3, tool wear Z3 − Z1, feed Z2 − Z1.",
+        "The readings Z1 (surface before), Z2 (bottom) and Z3 (surface after) of each measured hole, and the "
+        "lengths between them: depth is Z2 − Z3, tool wear Z3 − Z1, feed Z2 − Z1.",
         ("results", "touches"),
     ),
     Kind(
         "section", "holes", "The hole in section",
-        "The last holes cut through the middle, with the tool at the bottom and its wear. Depth and wear are "
-        "measured by contact, the band is the 95 % interval of the depth. The width is not measured: walls are "
-        "drawn from the profile's side gap. For a simulated run the line is the true hole, with its side gap at "
-        "the floor, its taper (how much wider the mouth is, on the radius) and the round edge of its floor; its "
-        "walls are drawn straight.",
+        "The last holes cut through the middle, with the tool at the bottom and its wear. The legend states "
+        "whether a depth was measured by contact or estimated; the band is its 95 % interval. The width is not "
+        "measured: walls are drawn from the profile's side gap. For a simulated run the line is the true hole, "
+        "with its side gap at the floor, its taper (how much wider the mouth is, on the radius) and the round edge "
+        "of its floor; its walls are drawn straight.",
         ("results", "profile/values", "summary"),
     ),
     Kind(

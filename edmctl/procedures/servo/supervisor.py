@@ -331,8 +331,8 @@ class Supervisor(TelemetrySums):
         track = self._track
         while len(track) > 2 and track[0][0] <= now_s - FEED_WINDOW_S:
             track.popleft()
-        if len(track) < 2:
-            return math.nan
+        if not track or now_s - track[0][0] < FEED_WINDOW_S:
+            return math.nan  # the way to the equilibrium gap is no feed
         (first_s, first_um), (last_s, last_um) = track[0], track[-1]
         return (last_um - first_um) / (last_s - first_s)
 
