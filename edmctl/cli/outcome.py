@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TextIO
 from edmctl import failures
 from edmctl.cli.render.diagnostics import render_diagnostics
 from edmctl.cli.render.progress import EventReporter, LineReporter, Reporter
-from edmctl.cli.render.terminal import Style, style_of
+from edmctl.cli.render.terminal import Style, fitted, style_of
 from edmctl.cli.signals import SignalArrived, ignore_signals, signal_name
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import (
@@ -120,7 +120,7 @@ def finish(outcome: Outcome, error: EdmError | None) -> int:
             # A file of results has one a line; a person reads indented ones.
             text = render_json(document) if sys.stdout.isatty() else render_json_line(document)
         else:
-            text = outcome.rendered()
+            text = fitted(outcome.rendered(), stream_style(sys.stdout).columns)
             text += "\n" if text else ""
         write(sys.stdout, text)
     except OSError as refused:

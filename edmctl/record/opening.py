@@ -263,6 +263,8 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
         raise failures.run_file_damaged(path=path, why=why) from error
     try:
         refuse_foreign(path, file)
+        if "entry" not in file:
+            raise failures.run_file_damaged(path=path, why="it has no group /entry")
         # Behind the data of a closed file there is nothing but its seal.
         if verify and fits is None and not is_open and size_bytes != end_bytes:
             raise failures.run_file_damaged(path=path, why="its check sum is not whole")

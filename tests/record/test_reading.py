@@ -14,6 +14,7 @@ from edmctl.errors import RunFileError
 from edmctl.labels import Basis, Verdict
 from edmctl.machine.interface import EventCode, MachineState
 from edmctl.record.layout import RESULTS
+from edmctl.record.opening import open_file
 from edmctl.record.reader import (
     JUMP_DONE,
     TOUCH,
@@ -70,6 +71,14 @@ def test_an_earlier_layout_is_refused(run_path: Path) -> None:
     with pytest.raises(RunFileError, match="earlier version") as refused, reading(run_path, verify=False):
         pass
     assert (refused.value.code, "export" in refused.value.hint) == ("E9006", True)
+
+
+def test_a_run_file_without_its_group_is_damaged(run_path: Path) -> None:
+    with h5py.File(run_path, "r+") as file:
+        del file["entry"]
+    with pytest.raises(RunFileError, match="no group /entry") as refused:
+        open_file(run_path, verify=False)
+    assert refused.value.code == "E9007"
 
 
 def test_columns_are_cut_to_the_shortest(run_path: Path) -> None:

@@ -126,6 +126,7 @@ Span: TypeAlias = "tuple[str, Ink | None]"
 NARROW_COLUMNS = 60
 USUAL_COLUMNS = 80
 """Width of text for files and pipes, and of an ordinary terminal."""
+_LABEL = re.compile(r" *\S.*?  +(?=\S)| +")
 _COMMAND = re.compile(r"`[^`]+`")
 GAP = 3
 """Blanks between the columns of a table."""
@@ -211,6 +212,25 @@ def wrapped(text: str, columns: int | None, indent: str = "") -> list[str]:
     filler = textwrap.TextWrapper(max(columns, 20), break_long_words=False, break_on_hyphens=False)
     filler.subsequent_indent = indent
     return [line.replace("\u00a0", " ") for line in filler.wrap(glued)]
+
+
+def fitted(text: str, columns: int | None) -> str:
+    """Return a text with its long lines wrapped at words, behind their label if they have one.
+
+    Lines with colours are tables, which have their width already.
+    """
+    if columns is None:
+        return text
+    lines = []
+    for line in text.split("\n"):
+        if len(line) <= columns or "\x1b" in line:
+            lines.append(line)
+        else:
+            label = _LABEL.match(line)
+            lines += wrapped(
+                line, columns, " " * (label.end() if label and label.end() < columns // 2 else 0)
+            )
+    return "\n".join(lines)
 
 
 def labelled(label: str, text: str, cells: int, columns: int) -> str:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from edmctl.cli.render.terminal import PLAIN, Ink, Style, style_of
+from edmctl.cli.render.terminal import PLAIN, Ink, Style, fitted, style_of
 
 
 class Terminal(io.StringIO):
@@ -64,3 +64,15 @@ def test_who_gets_more_than_ascii(encoding: str, environ: dict[str, str], expect
 def test_paint_leaves_plain_text_alone() -> None:
     assert PLAIN.paint("gap", Ink.ERROR) == "gap"
     assert Style(colour=True, live=False).paint("gap", Ink.ERROR) == "\x1b[1;31mgap\x1b[0m"
+
+
+def test_long_lines_are_wrapped_behind_their_label_and_tables_are_not() -> None:
+    table = "\x1b[1mcoloured table that is wider than this\x1b[0m"
+    text = f"displacement  ± 0.02 µm on average and at most ± 0.1 µm\nshort\n{table}"
+    assert fitted(text, None) == text
+    assert fitted(text, 34).split("\n") == [
+        "displacement  ± 0.02 µm on average",
+        "              and at most ± 0.1 µm",
+        "short",
+        table,
+    ]
