@@ -32,6 +32,7 @@ EXTRAS = {
     "ziglang": "emulator",
 }
 """Extra of pyproject.toml that installs a package or program."""
+PROGRAMS = ("clang-tidy", "cppcheck")
 EMULATOR = pytest.mark.needs("unicorn", "ziglang")
 BOARD_COMPILERS = [
     pytest.param("gcc", marks=pytest.mark.needs("arm-none-eabi-gcc")),
@@ -48,7 +49,8 @@ def program(name: str) -> str | None:
 def skip_without(names: Sequence[str]) -> None:
     """Skip the test without one of these packages or programs, or fail where extras are required."""
     for name in names:
-        if program(name) is not None or (name in EXTRAS and importlib.util.find_spec(name) is not None):
+        is_package = name in EXTRAS and name not in PROGRAMS
+        if (importlib.util.find_spec(name) if is_package else program(name)) is not None:
             continue
         if name not in EXTRAS:
             pytest.skip(f"needs {name}")

@@ -329,9 +329,10 @@ class Supervisor(TelemetrySums):
 
     def _feed_um_s(self, now_s: float) -> float:
         track = self._track
-        while len(track) > 2 and track[0][0] <= now_s - FEED_WINDOW_S:
+        begin_s = now_s - FEED_WINDOW_S
+        while len(track) > 1 and track[1][0] <= begin_s:
             track.popleft()
-        if not track or now_s - track[0][0] < FEED_WINDOW_S:
+        if not track or track[0][0] > begin_s:
             return math.nan  # the way to the equilibrium gap is no feed
         (first_s, first_um), (last_s, last_um) = track[0], track[-1]
         return (last_um - first_um) / (last_s - first_s)
