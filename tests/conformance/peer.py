@@ -12,8 +12,6 @@ from itertools import cycle
 from random import Random
 from typing import Any
 
-import pytest
-
 from tests.conformance import layouts, wire
 from tests.conformance.layouts import Fields
 from tests.conformance.lines import Line
@@ -380,9 +378,3 @@ class Peer:
             f"  sent last: {self._sent[-3:]}\n  replies last: {came}\n"
             f"  events: {events}, faults: {faults}\n  see docs/protocol.md#{section}"
         )
-
-
-def no_reply_pending(peer: Peer) -> None:
-    """Fail where the controller answered something that nobody asked."""
-    if peer.frames:
-        pytest.fail(peer.story(f"an answer to nothing: {peer.frames[-1]}", "frame"))

@@ -43,10 +43,6 @@ AT_STRINGS = [
 ]
 
 
-def last_seq(peer: Peer) -> int:
-    return (peer.seq - 1) % 256
-
-
 def bad_frames(peer: Peer) -> int:
     count: int = peer.fresh_beat()["rx_bad"]
     return count

@@ -28,7 +28,6 @@ from tests.link.test_golden import TYPES
 from tools.generate.schema import Field, Layout, load_schema
 
 SCHEMA = load_schema()
-BITS = {"u8": 8, "u16": 16, "u32": 32, "u64": 64}
 
 
 def values(field: Field) -> st.SearchStrategy[object]:

@@ -22,7 +22,6 @@ ON_US, OFF_US = 130.435, 304.348
 PERIOD_US = ON_US + OFF_US
 RECORD = m.WaveformReadReply.record_dtype()
 TOLD = m.Pulses.record_dtype()
-SAMPLE_US = 1.0
 
 
 @dataclass(frozen=True)

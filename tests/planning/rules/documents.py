@@ -13,17 +13,6 @@ from edmctl.profile.setup import Setup
 
 NAMES = ("cu270", "cu150", "w252")
 NEWER = ("array-3x3", "channel-rectangle", "channel-circle", "channel-spiral", "foil-through")
-PARENT = {
-    "cu270": None,
-    "cu150": "cu270",
-    "w252": "cu270",
-    "array-3x3": "cu150",
-    "foil-through": "cu150",
-    "channel-rectangle": "w252",
-    "channel-circle": "w252",
-    "channel-spiral": "w252",
-}
-"""What each shipped profile extends."""
 
 _TABLE = re.compile(r"^\[\[?(\w+)\]")
 _KEY = re.compile(r'^(\w+)(\s*=\s*)("[^"]*"|[^#\s]+)')
