@@ -62,11 +62,6 @@ def number_of(cell: str, *, decimal_commas: bool = False) -> float | None:
         return None
 
 
-def header_line(names: Iterable[str]) -> str:
-    """Return the first line of a table."""
-    return ",".join(map(text_cell, names)) + "\n"
-
-
 def row_lines(columns: Iterable[Iterable[str]]) -> str:
     """Return the lines of some rows from their cells by column."""
     return "".join(f"{','.join(cells)}\n" for cells in zip(*columns, strict=True))
@@ -75,7 +70,7 @@ def row_lines(columns: Iterable[Iterable[str]]) -> str:
 def table_text(rows: Sequence[Mapping[str, object]]) -> str:
     """Return a table with the columns of all rows, in the order of their appearance; None and NaN are empty."""
     names = list(dict.fromkeys(name for row in rows for name in row))
-    return header_line(names) + row_lines([_cell(row.get(name)) for row in rows] for name in names)
+    return row_lines([text_cell(name), *(_cell(row.get(name)) for row in rows)] for name in names)
 
 
 def _cell(value: object) -> str:

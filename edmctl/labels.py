@@ -40,14 +40,12 @@ class Verdict(StrEnum):
 
 
 def is_doubtful(verdict: str | None) -> bool:
-    """Whether a verdict is worth a word: there is one, and the hole is not as it was wanted, or not shown to be."""
+    """Whether a hole misses its target or is not shown to meet it."""
     return verdict in (Verdict.MISSED, Verdict.NOT_SHOWN)
 
 
-PAD = "the reference pad"
-"""Name of the place where every Z1 and Z3 is touched, in tables beside names of holes."""
-PARKING = "the parking place"
-"""Name of the place beside the workpiece, as PAD is."""
+PAD, PARKING = "the reference pad", "the parking place"
+"""Names of the place where every Z1 and Z3 is touched, and of that beside the workpiece, in tables of holes."""
 NOT_SHOWN_CODE = "E7013"
 """Error of a job with a depth that is not shown, and none that is missed."""
 
@@ -57,8 +55,6 @@ _MEANINGS = {
     Basis.MODEL: "≈ touched without a sensor, by the actuator's model.",
     Basis.ESTIMATED: "~ estimated by feed and energy, not touched.",
 }
-
-
 _OPEN = {Basis.MODEL: "by the actuator's model", Basis.ESTIMATED: "not touched"}
 
 

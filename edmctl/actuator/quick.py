@@ -8,7 +8,7 @@ import numpy as np
 
 from edmctl.actuator.fitting import TAU_RATIO, Design, fit, knots, reduce_records, thresholds
 from edmctl.actuator.model import ActuatorModel
-from edmctl.actuator.record import Record, check_numbers
+from edmctl.actuator.record import LEAST_SAMPLES, Record, check_numbers
 from edmctl.actuator.validation import ErrorFigures, figures
 from edmctl.start_up import one_blas_thread
 
@@ -16,7 +16,6 @@ QUICK_PLAYS = 12
 QUICK_CREEPING = 2  # the play that creeps. Its threshold is 4 % of the span.
 QUICK_PIECES = 3  # pieces per play. One piece cannot bend: depths of 180 µm came out 1.7 µm too small.
 QUICK_TAUS_S = 0.04 * np.power(TAU_RATIO, np.arange(7.0))
-LEAST_SAMPLES = 200
 
 
 @one_blas_thread()

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.actuator.fitting import Design, features_of, knots, minimise
-from edmctl.actuator.record import Record, sample_s
+from edmctl.actuator.record import LONGEST_LAG_S, Record, sample_s
 from edmctl.array_types import Array, Flags
 
 ROWS = 6000
@@ -29,7 +29,6 @@ LEAST_LIMIT_SHARE, MOST_LIMIT_SHARE = 0.01, 0.5  # limits of a stop, over the sp
 FIRST_LIMIT_SHARES = (0.06, 0.15)
 MOST_UNLOADING, MOST_BRANCH = 2.0, 0.6
 TRIALS = 70
-LONGEST_LAG_S = 0.02
 FIRST_LAGS_S = (0.0005, 0.002, 0.006)
 LAG_TRIALS = 8
 DELAY_STEPS = 5

@@ -40,7 +40,7 @@ RELUCTANCE = 1.45
 65 s (hysteresis of the piezo, Muralidhara et al. 2009, Fig. 3a)."""
 RELUCTANCE_TOUCHING = 1.25  # the same on average over a fast leg and the slow one after it
 RISE_UM = 60.0  # before a bottom is touched the tool rises by this
-FAST_LEG_MARGIN_UM = 3.0
+FAST_LEG_MARGIN_UM = 3.0  # the fast leg of a touch ends this far above the predicted contact
 OFFSET_U_UM, WEAR_U_SHARE = 7.0, 0.05
 """The slow leg begins earlier by what is unknown: of the first surface, and of the wear as a share of the feed."""
 RIM_WEAR_SHARE = 0.3

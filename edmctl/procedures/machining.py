@@ -17,7 +17,7 @@ from edmctl.procedures.job import Job, JobTally, StateStore, target_of
 from edmctl.procedures.monitoring.monitors import judge_job
 from edmctl.procedures.run import MOVING, JobRun
 from edmctl.procedures.servo.limits import TimeLimits, rise_um
-from edmctl.procedures.servo.supervisor import STROKE_RESERVE_UM
+from edmctl.procedures.servo.supervisor import TOUCH_RESERVE_UM
 from edmctl.procedures.session import running
 from edmctl.process.plane import TOUCHES_FOR_A_PLANE
 from edmctl.profile.places import Place
@@ -165,7 +165,7 @@ def _used_up(run: JobRun, knowledge: JobKnowledge, left: Sequence[Place]) -> Dec
         spare_um = 0.0 if target.kind == "feed" else target.tolerance_um
         surface_um = knowledge.tool.pad_um + knowledge.surface.height_um(left[0])
         needed_um = surface_um + feed_um - spare_um + target.completion_um - knowledge.gap.value
-        needed_um += STROKE_RESERVE_UM
+        needed_um += TOUCH_RESERVE_UM
         time_s = hole_time_s(profile, hole(profile, target.depth_um))
         stroke_um = run.watch.displacement_um + rise_um(estimator, profile.limits.stroke_v_max, time_s)
     if lost_um + next_um > profile.tool.max_wear_um:

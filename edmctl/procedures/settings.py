@@ -18,7 +18,7 @@ from edmctl.profile.model import Profile
 from edmctl.profile.setup import Setup
 
 SHORT_SHARE_OF_OPEN_VOLTAGE = 0.15  # 6 V of 40 V, between a short (1 V) and an arc (17 V)
-ARC_SHARE_OF_DISCHARGE_VOLTAGE = 0.886  # 19.5 V, midway between an arc (17 V) and a discharge (22 V)
+ARC_LIMIT_SHARE = 0.886  # 19.5 V, midway between an arc (17 V) and a discharge (22 V)
 ARC_DELAY_US = 3.0
 """A discharge that ignites sooner found the last plasma channel still conducting: without one a gap of some µm
 breaks down after tens of µs on average (mean gap voltage 0.8 of open, Muralidhara et al. 2009, Fig. 6)."""
@@ -62,7 +62,7 @@ def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
         servo_period_us=setup.controller.servo_period_us,
         servo_latency=setup.controller.latency,
         short_v=SHORT_SHARE_OF_OPEN_VOLTAGE * pulse.open_voltage_v,
-        arc_v=ARC_SHARE_OF_DISCHARGE_VOLTAGE * pulse.discharge_voltage_v,
+        arc_v=ARC_LIMIT_SHARE * pulse.discharge_voltage_v,
         arc_delay_us=ARC_DELAY_US,
         block_pulses=block_pulses(profile),
         short_stuck_s=SHORT_STUCK_S,

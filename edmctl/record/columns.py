@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from edmctl import failures
 from edmctl.actuator.record import Record
 from edmctl.array_types import Array
-from edmctl.csv_text import header_line, row_lines
+from edmctl.csv_text import row_lines, text_cell
 from edmctl.errors import RunFileError
 from edmctl.files import RECORD_BYTES, open_regular, read_bytes, refuse_locked
 from edmctl.record import disk, layout
@@ -161,8 +161,8 @@ def write_columns(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> Non
     if path.suffix.lower() in HDF5_SUFFIXES:
         content = image_of(fill)
     else:
-        rows = row_lines(map(repr, values.tolist()) for values in columns.values())
-        content = (header_line(columns) + rows).encode()
+        cells = ([text_cell(name), *map(repr, values.tolist())] for name, values in columns.items())
+        content = row_lines(cells).encode()
     try:
         disk.write_new(path, content)
     except FileExistsError:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmctl import failures
-from edmctl.csv_text import header_line, row_lines, text_cell
+from edmctl.csv_text import row_lines, text_cell
 from edmctl.dataclasses import dataclass
 from edmctl.errors import installing
 from edmctl.record import layout
@@ -153,7 +153,7 @@ class CsvWriter:
 
     def __init__(self, sink: ByteSink, columns: Sequence[ExportColumn]) -> None:
         self._sink, self._columns = sink, columns
-        sink.write(header_line(column.name for column in columns).encode())
+        sink.write(row_lines([text_cell(column.name)] for column in columns).encode())
 
     def write(self, block: Block) -> None:
         cells = [

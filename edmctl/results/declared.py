@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Any
 
 from edmctl.dataclasses import dataclass, field, fields
@@ -128,6 +129,12 @@ def _without_unit(name: str, units: str) -> str:
     return name.removesuffix(ending_of(units))
 
 
-def shared(kind: type, source: object) -> dict[str, Any]:
+def shared(kind: type, source: Any) -> dict[str, Any]:
     """Return the values of `source` that have the names of fields of `kind`."""
-    return {one.name: getattr(source, one.name) for one in fields(kind) if hasattr(source, one.name)}
+    return {name: getattr(source, name) for name in _names_in_both(kind, source.__class__)}
+
+
+@cache
+def _names_in_both(kind: type, source: type) -> tuple[str, ...]:
+    held = {*dir(source), *(one.name for one in fields(source))}
+    return tuple(one.name for one in fields(kind) if one.name in held)

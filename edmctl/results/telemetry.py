@@ -110,14 +110,16 @@ class TelemetryBlock:
         )
 
 
+_COLUMNS = tuple(one.name for one in fields(TelemetryBlock) if one.name != "missing_frames")
+
+
 def joined(blocks: Sequence[TelemetryBlock]) -> TelemetryBlock:
     """Return consecutive blocks as one."""
     import numpy as np
 
     if len(blocks) == 1:
         return blocks[0]
-    names = [one.name for one in fields(TelemetryBlock) if one.name != "missing_frames"]
-    columns = {name: np.concatenate([getattr(block, name) for block in blocks]) for name in names}
+    columns = {name: np.concatenate([getattr(block, name) for block in blocks]) for name in _COLUMNS}
     return TelemetryBlock(**columns, missing_frames=sum(block.missing_frames for block in blocks))
 
 

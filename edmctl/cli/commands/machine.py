@@ -21,7 +21,7 @@ from edmctl.cli.render.procedure_tables import (
 )
 from edmctl.cli.render.progress import Reporter
 from edmctl.cli.render.result_table import render_job
-from edmctl.cli.render.terminal import Style, wrapped
+from edmctl.cli.render.terminal import Style
 from edmctl.cli.signals import ignore_signals, shell
 from edmctl.jobs.sweep import seed_to_use, simulated_by
 from edmctl.wording import coordinates
@@ -354,7 +354,7 @@ def closing_text(table: str, style: Style, report: "Report | ProcedureReport", s
             lines.append("No sensor is fitted: every touch was read by that model.")
     made_by = simulated_by(seed) if report.simulated else ""
     lines.append(f"{made_by}Run file {report.run_file}")
-    return "\n".join([table, *(part for line in lines for part in wrapped(line, style.columns))])
+    return "\n".join([table, *lines])
 
 
 def _identity_before(outcome: Outcome, plan: "Plan") -> "ToolIdentity | None":

@@ -260,8 +260,7 @@ def _render_overview(cases: Sequence[Case], style: Style) -> str:
         table[_NAMES[key]] = [_mean_sd(case.spreads.get(key), scale) for case in cases]
     table["failed"] = [f"{case.failed} of {len(case.runs)}" for case in cases]
     shown = narrowed(table, style.columns, CASES_FIRST_TO_GO)
-    left_out = wrapped(not_shown(table, shown), style.columns)
-    return "\n".join(filter(None, [render_table(shown, style), *left_out]))
+    return "\n".join(filter(None, [render_table(shown, style), not_shown(table, shown)]))
 
 
 def _mean_sd(found: Statistics | None, scale: float = 1.0) -> str:

@@ -16,6 +16,7 @@ from edmctl.errors import PreconditionError
 from edmctl.machine.interface import SLICE_S, CutRequest, EventCode, MachineEvent, MachineState, ScanLine
 from edmctl.planning.removal import SIDE_DISCHARGE_SHARE, removal_um3_s
 from edmctl.procedures.channel.touching import (
+    FLOOR_U_UM,
     ChannelSurface,
     FloorReading,
     PassPlan,
@@ -46,7 +47,6 @@ STALLED_S = 10.0  # stages that stop for this long over a gap that is not shorte
 TIME_SLACK_S = 2.0  # the host ends a pass when the time is up; the controller would do so this much later
 QUIET_SHARE = 0.65  # a floor is even if this share of the pulses is open; the servo's own gap has 0.3
 GAP_GROWTH = 1.25  # gap of an evened floor relative to the servo's, until measured: half the pulses ignite
-FLOOR_U_UM = 1.0  # standard uncertainty of the height of a floor after a pass: gap and unevenness [assumed]
 SPARE_PASSES = 4  # a layer may take these and twice the passes that its volume needs
 MOST_TO_EVEN = 8  # passes at one height to even out the floor before a measuring stop
 

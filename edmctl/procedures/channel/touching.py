@@ -33,7 +33,7 @@ from edmctl.record.rows import RejectedTouch, RunEvent
 from edmctl.results.job import FloorPlace
 
 FACE_CANDIDATES = 24  # places of the path from which those for the plane are chosen
-FLOOR_U_UM = 1.0  # standard uncertainty of the floor before it is touched: gap and unevenness [assumed]
+FLOOR_U_UM = 1.0  # standard uncertainty of a floor that was not touched: gap and unevenness [assumed]
 TOUCH_LEAST_SD_UM = 0.1  # least standard deviation of touches: better agreement is by chance
 PAD_U_SHARE = 0.15  # standard uncertainty of the pad, as a share of the wear since its last touch
 UNEVEN_U_UM = 0.5  # standard uncertainty of the height of an evened floor from place to place [assumed]

@@ -130,7 +130,7 @@ def rise_um(estimator: Estimator, limit_v: float, time_s: float) -> float:
     return estimator.gain * float(risen_um[-1] - risen_um[0])
 
 
-FEED_WINDOW_S = 2.0
+BREAKTHROUGH_WINDOW_S = 2.0
 BASE_S = 20.0
 FEED_FACTOR = 1.6  # mean feed of the last 2 s relative to the median of the last 20 s
 DEPTH_SHARE = 0.15  # distance of depth and thickness besides its uncertainty: the wear in it is only expected
@@ -174,7 +174,9 @@ class Breakthrough:
             return False
         speed_um_s = (displacement_um - last_um) / duration_s
         self._seconds += duration_s
-        self.feed_um_s += duration_s / min(FEED_WINDOW_S, self._seconds) * (speed_um_s - self.feed_um_s)
+        self.feed_um_s += (
+            duration_s / min(BREAKTHROUGH_WINDOW_S, self._seconds) * (speed_um_s - self.feed_um_s)
+        )
         self._open_share += duration_s / min(OPEN_S, self._seconds) * (open_share - self._open_share)
         self._base.append((duration_s, self.feed_um_s, self._open_share))
         self._span_s += duration_s

@@ -151,7 +151,7 @@ class TelemetrySums:
 FEED_WINDOW_S = 10.0  # one jump period, 3 µm at 0.3 µm/s, twenty times the sensor's noise
 OVERRUN_SHARE = 0.05  # a cut deeper than the target by this share has not ended where it should
 LEAST_OVERRUN_UM = 3.0  # least allowance, for the servo's swing and the sensor's noise at a shallow target
-STROKE_RESERVE_UM = 5.0  # left for the touch of the bottom after the cut, a working gap further
+TOUCH_RESERVE_UM = 5.0  # left for the touch of the bottom after the cut, a working gap further
 NEAR_THE_END_UM = 60.0  # stroke by the mean gain below which the model computes the rest
 
 SWING_UM = 0.5  # largest distance of a tool at the bottom from its deepest place: the servo's swing
@@ -364,8 +364,8 @@ class Supervisor(TelemetrySums):
             message = f"the estimated {what} is {done_um:.1f} of {wanted_um:.1f} µm"
         elif rest_um <= NEAR_THE_END_UM and (estimator := self._run.watch.estimator()) is not None:
             left_um = stroke_left_um(estimator, limit_v)
-            self._near_the_end = left_um < 2.0 * STROKE_RESERVE_UM
-            if left_um < STROKE_RESERVE_UM:
+            self._near_the_end = left_um < 2.0 * TOUCH_RESERVE_UM
+            if left_um < TOUCH_RESERVE_UM:
                 message = f"{left_um:.1f} µm of stroke are left at {actuator_v:.1f} of {limit_v:.0f} V"
         if message and self.stop_reason is None:
             self.stop_reason, self.message = StopReason.ENDED, message

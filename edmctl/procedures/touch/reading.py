@@ -12,6 +12,7 @@ from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import ObjectiveNotReached
 from edmctl.machine.interface import Touch, TouchRequest
+from edmctl.planning.measuring import FAST_LEG_MARGIN_UM
 from edmctl.procedures.job import JobState
 from edmctl.procedures.run import JobRun
 from edmctl.process.plane import Step
@@ -21,7 +22,6 @@ from edmctl.record.rows import EventLevel, RunEvent, TouchRow
 from edmctl.results.progress import Phase
 from edmctl.wording import decimal
 
-FAST_LEG_MARGIN_UM = 3.0  # the fast leg ends this far above the predicted contact
 FAST_SIGMAS = 2.0  # and this many standard uncertainties: a tool that meets the work then returns slowly
 BEYOND_PREDICTION_UM = 15.0  # no contact this far beyond the predicted one is a fault
 BEYOND_SIGMAS = 3.0  # and this many standard uncertainties
